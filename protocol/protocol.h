@@ -1,14 +1,15 @@
 /* protocol.h: the wire contract of causticd as C structures, with encoder and decoder.
  *
- * PROTOCOL.md is the contract; this header is its C form. No I/O, no allocation, no state: bytes in, structures out,
- * and back. Nothing here knows the renderer.
+ * PROTOCOL.md is the contract; this header is its C form. No I/O, no allocation, no state: bytes in,
+ * structures out, and back. Nothing here knows the renderer.
  *
- *     receiving   read PROTOCOL_HEADER_BYTES -> protocol_header_read -> read header.length bytes -> protocol_decode
- *     sending     fill a struct protocol_message -> protocol_encode
+ *     receiving   read PROTOCOL_HEADER_BYTES -> protocol_header_read -> read header.length bytes ->
+ * protocol_decode sending     fill a struct protocol_message -> protocol_encode
  *
  * One encoding per message: whatever protocol_decode accepts, protocol_encode turns back into the same bytes.
  * Texts and byte ranges of a decoded message point into the payload it was decoded from.
- * A struct protocol_message is some 50 KiB: keep one per connection or static to a thread, not many on the stack.
+ * A struct protocol_message is some 50 KiB: keep one per connection or static to a thread, not many on the
+ * stack.
  */
 #ifndef CAUSTIC_PROTOCOL_H
 #define CAUSTIC_PROTOCOL_H
@@ -18,26 +19,26 @@
 
 #include "../core/status.h"
 
-#define PROTOCOL_MAGIC         0x43545343u /* the bytes "CSTC" */
-#define PROTOCOL_MAJOR         1u
-#define PROTOCOL_MINOR         0u
-#define PROTOCOL_HEADER_BYTES  16u
-#define PROTOCOL_DEFAULT_PORT  7420u
+#define PROTOCOL_MAGIC        0x43545343u /* the bytes "CSTC" */
+#define PROTOCOL_MAJOR        1u
+#define PROTOCOL_MINOR        0u
+#define PROTOCOL_HEADER_BYTES 16u
+#define PROTOCOL_DEFAULT_PORT 7420u
 
 /* Limits of the encoding itself; what a server allows is in its HELLO. */
-#define PROTOCOL_MAX_REQUEST_BYTES 1024u     /* payload of a message to the server, of any type */
-#define PROTOCOL_MAX_HELLO_BYTES   262144u   /* payloads of messages to the client */
+#define PROTOCOL_MAX_REQUEST_BYTES 1024u   /* payload of a message to the server, of any type */
+#define PROTOCOL_MAX_HELLO_BYTES   262144u /* payloads of messages to the client */
 #define PROTOCOL_MAX_FRAME_BYTES   65536u
-#define PROTOCOL_MAX_PART_BYTES    262144u   /* image bytes in one PART */
-#define PROTOCOL_MAX_TEXT_BYTES    512u      /* of any one text */
+#define PROTOCOL_MAX_PART_BYTES    262144u /* image bytes in one PART */
+#define PROTOCOL_MAX_TEXT_BYTES    512u    /* of any one text */
 #define PROTOCOL_MAX_LIGHTS        64u
-#define PROTOCOL_MAX_CAMERAS       256u      /* described in HELLO; others can be followed by name */
+#define PROTOCOL_MAX_CAMERAS       256u /* described in HELLO; others can be followed by name */
 #define PROTOCOL_MAX_SETTINGS      128u
 #define PROTOCOL_MAX_STATISTICS    128u
 #define PROTOCOL_MAX_CHANNELS      16u
 #define PROTOCOL_MAX_PASSES        64u
 #define PROTOCOL_MAX_PLAN_LINES    64u
-#define PROTOCOL_MAX_IMAGE_SIZE    16384u    /* pixels along a side of a channel */
+#define PROTOCOL_MAX_IMAGE_SIZE    16384u     /* pixels along a side of a channel */
 #define PROTOCOL_BY_NAME           UINT32_MAX /* VIEW_FOLLOW: the camera is given by name */
 
 enum protocol_type {
@@ -106,8 +107,8 @@ enum protocol_light_type { PROTOCOL_LIGHT_POINT, PROTOCOL_LIGHT_SPOT, PROTOCOL_L
 
 struct protocol_light {
     struct protocol_text name;
-    uint8_t type; /* enum protocol_light_type */
-    float intensity[3]; /* W/sr; directional W/m^2 */
+    uint8_t type;                    /* enum protocol_light_type */
+    float intensity[3];              /* W/sr; directional W/m^2 */
     float position[3], direction[3]; /* at time 0 */
 };
 
@@ -120,8 +121,8 @@ enum protocol_setting_type { PROTOCOL_BOOL, PROTOCOL_INT, PROTOCOL_FLOAT, PROTOC
 
 struct protocol_setting {
     struct protocol_text name, choices, help; /* choices: comma-separated; empty for numbers */
-    uint8_t type; /* enum protocol_setting_type */
-    double minimum, maximum, value; /* value: the default */
+    uint8_t type;                             /* enum protocol_setting_type */
+    double minimum, maximum, value;           /* value: the default */
 };
 
 struct protocol_statistic {
@@ -141,7 +142,7 @@ struct protocol_hello {
     struct protocol_limits limits;
     struct protocol_text scene;
     uint32_t triangles;
-    double duration; /* seconds; 0: still */
+    double duration;       /* seconds; 0: still */
     uint32_t camera_total; /* cameras in the scene; the first PROTOCOL_MAX_CAMERAS are listed */
     uint16_t light_count, camera_count, setting_count, statistic_count, channel_count;
     struct protocol_light lights[PROTOCOL_MAX_LIGHTS];
@@ -155,7 +156,7 @@ struct protocol_hello {
 
 struct protocol_choose {
     uint16_t major, minor;
-    uint64_t features; /* subset of the server's */
+    uint64_t features;           /* subset of the server's */
     struct protocol_text client; /* name and version, for the server's log */
 };
 
@@ -184,7 +185,7 @@ struct protocol_view_camera {
 
 struct protocol_follow {
     uint32_t view;
-    uint32_t camera; /* index, or PROTOCOL_BY_NAME */
+    uint32_t camera;           /* index, or PROTOCOL_BY_NAME */
     struct protocol_text name; /* empty unless PROTOCOL_BY_NAME */
 };
 
@@ -212,7 +213,8 @@ struct protocol_render { /* RENDER and SUBSCRIBE */
     uint32_t view;
     uint32_t channels; /* bit i: channel i of the HELLO's list; 0: statistics only */
     uint8_t format, encoding;
-    uint32_t credit; /* SUBSCRIBE: frames the server may send before the first CREDIT, at least 1. RENDER: 0 */
+    uint32_t
+        credit; /* SUBSCRIBE: frames the server may send before the first CREDIT, at least 1. RENDER: 0 */
 };
 
 struct protocol_credit {
@@ -231,9 +233,9 @@ struct protocol_error {
 };
 
 enum protocol_notice_kind {
-    PROTOCOL_NOTICE_CLOSING = 1,     /* this connection closes now: broken framing, too slow, shutdown */
-    PROTOCOL_NOTICE_VIEW_GONE = 2,   /* a watched view was destroyed or is no longer shared */
-    PROTOCOL_NOTICE_LIVE_ENDED = 3   /* a live subscription ended because its view cannot be rendered */
+    PROTOCOL_NOTICE_CLOSING = 1,   /* this connection closes now: broken framing, too slow, shutdown */
+    PROTOCOL_NOTICE_VIEW_GONE = 2, /* a watched view was destroyed or is no longer shared */
+    PROTOCOL_NOTICE_LIVE_ENDED = 3 /* a live subscription ended because its view cannot be rendered */
 };
 
 struct protocol_notice {
@@ -291,11 +293,13 @@ struct protocol_part {
 /* ---- messages ----------------------------------------------------------------------------------------- */
 
 struct protocol_header {
-    uint32_t length;   /* of the payload */
-    uint16_t type;     /* enum protocol_type; a type this version does not know is possible */
-    uint16_t flags;    /* 0 */
-    uint32_t request;  /* chosen by the client, not 0; in replies the request they answer; in HELLO and NOTICE 0 */
-    uint32_t sequence; /* to the server: rises with every message, from 1. To the client: counts messages from 0 */
+    uint32_t length; /* of the payload */
+    uint16_t type;   /* enum protocol_type; a type this version does not know is possible */
+    uint16_t flags;  /* 0 */
+    uint32_t
+        request; /* chosen by the client, not 0; in replies the request they answer; in HELLO and NOTICE 0 */
+    uint32_t
+        sequence; /* to the server: rises with every message, from 1. To the client: counts messages from 0 */
 };
 
 struct protocol_message {
@@ -321,22 +325,25 @@ struct protocol_message {
     };
 };
 
-/* Reads the header of a message sent by `from`. False means broken framing: the payload would be longer than its
- * type allows, or the type belongs to the other side; say so with a NOTICE and close. Types this version does not
- * know pass, up to PROTOCOL_MAX_REQUEST_BYTES, so that they can be skipped and answered with an error. */
+/* Reads the header of a message sent by `from`. False means broken framing: the payload would be longer than
+ * its type allows, or the type belongs to the other side; say so with a NOTICE and close. Types this version
+ * does not know pass, up to PROTOCOL_MAX_REQUEST_BYTES, so that they can be skipped and answered with an
+ * error. */
 bool protocol_header_read(const uint8_t bytes[PROTOCOL_HEADER_BYTES], enum protocol_side from,
                           struct protocol_header *header, struct error *error);
 
-/* Decodes `header->length` bytes. False and an error that names message and field when the payload is truncated,
- * has bytes left over, or holds a value no message may hold; STATUS_UNSUPPORTED for a type this version does not
- * know. Such a request is answered with its error; the connection stays. Checks form: counts, finite numbers,
- * UTF-8, enumerations. Ranges that depend on scene and device are the renderer's to check. */
-bool protocol_decode(const struct protocol_header *header, const uint8_t *payload, struct protocol_message *message,
-                     struct error *error);
+/* Decodes `header->length` bytes. False and an error that names message and field when the payload is
+ * truncated, has bytes left over, or holds a value no message may hold; STATUS_UNSUPPORTED for a type this
+ * version does not know. Such a request is answered with its error; the connection stays. Checks form:
+ * counts, finite numbers, UTF-8, enumerations. Ranges that depend on scene and device are the renderer's to
+ * check. */
+bool protocol_decode(const struct protocol_header *header, const uint8_t *payload,
+                     struct protocol_message *message, struct error *error);
 
-/* Writes header and payload to `bytes` and returns their size; `bytes` NULL: the size alone. 0 and an error when
- * the message breaks the rules protocol_decode checks, or does not fit `capacity`. */
-size_t protocol_encode(const struct protocol_message *message, uint8_t *bytes, size_t capacity, struct error *error);
+/* Writes header and payload to `bytes` and returns their size; `bytes` NULL: the size alone. 0 and an error
+ * when the message breaks the rules protocol_decode checks, or does not fit `capacity`. */
+size_t protocol_encode(const struct protocol_message *message, uint8_t *bytes, size_t capacity,
+                       struct error *error);
 
 /* Largest payload of a type; PROTOCOL_MAX_REQUEST_BYTES for types this version does not know. */
 uint32_t protocol_payload_limit(uint16_t type);
