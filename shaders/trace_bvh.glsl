@@ -1,0 +1,195 @@
+// trace_bvh.glsl: traverses our own two-level hierarchy (shared/bvh_layout.h).
+//
+// Reads   bindings 0 (nodes), 1 (triangles), 2 (instances)
+// Source  design 12; Woop, Benthin and Wald 2013 for the triangle test; Ize 2013 for the boxes
+//
+// Two ways through the same tree with the same arithmetic:
+// - Small subgroups (lavapipe: 8) go through it as one packet. A driver that runs a subgroup as the lanes of a CPU
+//   vector pays for every word that every lane loads, so the lanes fetch a node once, a part each, and exchange the
+//   parts by shuffles; the stack lies across lanes too. Photons come in Morton order and stay together.
+// - Wide subgroups, and subgroups of which some lanes take no part, go lane by lane with a stack each.
+#include "shared/bvh_layout.h"
+#include "scene_instances.glsl"
+#extension GL_KHR_shader_subgroup_ballot : require
+#extension GL_KHR_shader_subgroup_shuffle : require
+
+layout(std430, binding = BINDING_NODES) readonly buffer node_buffer { bvh_node bvh_nodes[]; };
+layout(std430, binding = BINDING_TRIANGLES) readonly buffer triangle_buffer { bvh_triangle bvh_triangles[]; };
+// The same memory in pieces of two words, for packets.
+layout(std430, binding = BINDING_NODES) readonly buffer node_piece_buffer { uvec2 bvh_node_pieces[]; };
+layout(std430, binding = BINDING_TRIANGLES) readonly buffer triangle_piece_buffer { uvec2 bvh_triangle_pieces[]; };
+layout(std430, binding = BINDING_INSTANCES) readonly buffer instance_piece_buffer { uvec2 bvh_instance_pieces[]; };
+
+uint trace_guard = 0u;
+
+// Three roundings on each side must not lose a box that the ray only grazes.
+const float BVH_LEAVE_SLACK = 1.0000004;
+const uint BVH_DONE = 0xffffffffu; // a leaf, so that loops over inner nodes end
+
+struct bvh_ray {
+    vec3 origin;
+    vec3 inverse;
+    // Rows that shear a point, seen from the origin, so that the ray becomes the z axis: 1 and 0 but for the shear.
+    vec3 row_x, row_y, row_z;
+};
+
+bvh_ray bvh_prepare(vec3 origin, vec3 direction)
+{
+    bvh_ray ray;
+    ray.origin = origin;
+    vec3 size = abs(direction);
+    // Never 0 x infinity in the slabs, yet a direction component of 0 keeps its meaning: 0 / 1e-20 is inside.
+    ray.inverse = 1.0 / mix(direction, mix(vec3(1e-20), vec3(-1e-20), lessThan(direction, vec3(0.0))),
+                            lessThan(size, vec3(1e-20)));
+    if (size.z >= size.x && size.z >= size.y) {
+        ray.row_z = vec3(0.0, 0.0, ray.inverse.z);
+        ray.row_x = vec3(1.0, 0.0, -(direction.x * ray.inverse.z));
+        ray.row_y = vec3(0.0, 1.0, -(direction.y * ray.inverse.z));
+    } else if (size.y >= size.x) {
+        ray.row_z = vec3(0.0, ray.inverse.y, 0.0);
+        ray.row_x = vec3(0.0, -(direction.z * ray.inverse.y), 1.0);
+        ray.row_y = vec3(1.0, -(direction.x * ray.inverse.y), 0.0);
+    } else {
+        ray.row_z = vec3(ray.inverse.x, 0.0, 0.0);
+        ray.row_x = vec3(-(direction.y * ray.inverse.x), 1.0, 0.0);
+        ray.row_y = vec3(-(direction.z * ray.inverse.x), 0.0, 1.0);
+    }
+    return ray;
+}
+
+// Corners sheared into the ray's frame. A product never rounds past an equal one, so an edge function can only be 0
+// where its sign would be in doubt, and 0 counts as inside for both triangles at an edge: no cracks.
+bool bvh_triangle_test(bvh_ray ray, vec3 p0, vec3 p1, vec3 p2, inout trace_hit hit)
+{
+    precise vec3 a = p0 - ray.origin;
+    precise vec3 b = p1 - ray.origin;
+    precise vec3 c = p2 - ray.origin;
+    precise vec3 x = vec3(dot(ray.row_x, a), dot(ray.row_x, b), dot(ray.row_x, c));
+    precise vec3 y = vec3(dot(ray.row_y, a), dot(ray.row_y, b), dot(ray.row_y, c));
+    precise float w0 = x.z * y.y - y.z * x.y;
+    precise float w1 = x.x * y.z - y.x * x.z;
+    precise float w2 = x.y * y.x - y.y * x.x;
+    precise float determinant = w0 + w1 + w2;
+    bool inside = (min(w0, min(w1, w2)) >= 0.0 || max(w0, max(w1, w2)) <= 0.0) && determinant != 0.0;
+    float inverse = 1.0 / determinant;
+    vec3 z = vec3(dot(ray.row_z, a), dot(ray.row_z, b), dot(ray.row_z, c));
+    float t = (w0 * z.x + w1 * z.y + w2 * z.z) * inverse;
+    inside = inside && t > 0.0 && t < hit.t;
+    if (inside) {
+        hit.t = t;
+        hit.barycentrics = vec2(w1, w2) * inverse;
+    }
+    return inside;
+}
+
+// ---- lane by lane ---------------------------------------------------------------------------------------
+
+// Where the ray enters and leaves the two children of a node: (left enter, left leave, right enter, right leave).
+vec4 bvh_enter_leave(bvh_ray ray, vec4 nx, vec4 ny, vec4 nz, float t_max)
+{
+    vec4 x = (nx - ray.origin.x) * ray.inverse.x;
+    vec4 y = (ny - ray.origin.y) * ray.inverse.y;
+    vec4 z = (nz - ray.origin.z) * ray.inverse.z;
+    vec2 enter = max(max(min(x.xz, x.yw), min(y.xz, y.yw)), max(min(z.xz, z.yw), vec2(0.0)));
+    vec2 leave = min(min(max(x.xz, x.yw), max(y.xz, y.yw)), max(z.xz, z.yw)) * BVH_LEAVE_SLACK;
+    return vec4(enter.x, min(leave.x, t_max), enter.y, min(leave.y, t_max));
+}
+
+// Goes from inner node `reference` to the next leaf, BVH_DONE when none is left.
+void bvh_lane_descend(bvh_ray ray, uint root, float t_max, inout uint reference, inout uint stack[BVH_MAX_DEPTH],
+                      inout uint stack_size, inout uint steps)
+{
+    while ((reference & BVH_LEAF) == 0u) {
+        bvh_node node = bvh_nodes[root + reference];
+        vec4 span = bvh_enter_leave(ray, node.x, node.y, node.z, t_max);
+        bool left = span.x <= span.y;
+        bool right = span.z <= span.w;
+        bool right_first = right && (!left || span.z < span.x);
+        uint near = right_first ? node.child.y : node.child.x;
+        if (left && right) {
+            stack[min(stack_size, uint(BVH_MAX_DEPTH - 1))] = right_first ? node.child.x : node.child.y;
+            stack_size++;
+        } else if (!(left || right)) {
+            near = BVH_DONE;
+            if (stack_size > 0u)
+                near = stack[--stack_size];
+        }
+        reference = near;
+        if (++steps > BVH_MAX_STEPS) {
+            trace_guard = 1u;
+            stack_size = 0u;
+            reference = BVH_DONE;
+        }
+    }
+}
+
+void bvh_lane_trace(vec3 origin, vec3 direction, bool any, inout trace_hit hit)
+{
+    bvh_ray world = bvh_prepare(origin, direction);
+    uint steps = 0u;
+    uint top_stack[BVH_MAX_DEPTH];
+    uint top_size = 0u;
+    uint top = 0u;
+    while (true) {
+        bvh_lane_descend(world, 0u, hit.t, top, top_stack, top_size, steps);
+        if (top == BVH_DONE)
+            break;
+        uint instance = top & BVH_INDEX_MASK;
+        scene_instance_gpu data = scene_instances[instance];
+        vec4 point = vec4(origin, 1.0);
+        bvh_ray ray = bvh_prepare(
+            vec3(dot(data.to_object[0], point), dot(data.to_object[1], point), dot(data.to_object[2], point)),
+            vec3(dot(data.to_object[0].xyz, direction), dot(data.to_object[1].xyz, direction),
+                 dot(data.to_object[2].xyz, direction)));
+        uint stack[BVH_MAX_DEPTH];
+        uint stack_size = 0u;
+        uint reference = 0u;
+        while (true) {
+            bvh_lane_descend(ray, data.bvh_root, hit.t, reference, stack, stack_size, steps);
+            if (reference == BVH_DONE)
+                break;
+            uint first = data.bvh_triangle + (reference & BVH_INDEX_MASK);
+            uint last = first + ((reference >> BVH_COUNT_SHIFT) & BVH_COUNT_MASK);
+            for (uint i = first; i <= last; i++) {
+                bvh_triangle triangle = bvh_triangles[i];
+                if (bvh_triangle_test(ray, uintBitsToFloat(triangle.vertex[0].xyz),
+                                      uintBitsToFloat(triangle.vertex[1].xyz), uintBitsToFloat(triangle.vertex[2].xyz),
+                                      hit)) {
+                    hit.instance = instance;
+                    hit.triangle = triangle.vertex[0].w;
+                }
+            }
+            bool finished = any && hit.instance != TRACE_MISS;
+            reference = BVH_DONE;
+            if (stack_size > 0u && !finished)
+                reference = stack[--stack_size];
+        }
+        bool finished = any && hit.instance != TRACE_MISS;
+        top = BVH_DONE;
+        if (top_size > 0u && !finished)
+            top = top_stack[--top_size];
+    }
+}
+
+// ---- the interface --------------------------------------------------------------------------------------
+
+trace_hit bvh_trace(vec3 origin, vec3 direction, float t_max, bool any)
+{
+    trace_hit hit;
+    hit.t = min(t_max, BVH_FAR_T);
+    hit.instance = TRACE_MISS;
+    hit.triangle = 0u;
+    hit.barycentrics = vec2(0.0);
+    bvh_lane_trace(origin, direction, any, hit);
+    return hit;
+}
+
+trace_hit trace_closest(vec3 origin, vec3 direction, float t_max)
+{
+    return bvh_trace(origin, direction, t_max, false);
+}
+
+bool trace_any(vec3 origin, vec3 direction, float t_max)
+{
+    return bvh_trace(origin, direction, t_max, true).instance != TRACE_MISS;
+}

@@ -1,0 +1,35 @@
+#version 460
+#extension GL_GOOGLE_include_directive : require
+// trace_rays.comp: traces a list of rays, for tests and the benchmark.
+//
+// Reads   bindings 0 to 2, rays
+// Writes  a hit per ray: t, instance, triangle, guard, barycentrics; with ANY set only whether there is one
+// Source  design 12
+#include "shared/scene_layout.h"
+#include "shared/trace_rays_layout.h"
+#include "trace.glsl"
+layout(local_size_x = 64) in;
+layout(constant_id = 0) const bool ANY = false;
+layout(std430, binding = BINDING_PASS) readonly buffer ray_buffer { trace_ray_gpu rays[]; };
+layout(std430, binding = BINDING_PASS + 1) writeonly buffer hit_buffer { trace_hit_gpu hits[]; };
+layout(push_constant) uniform push_block { trace_rays_push push; };
+
+void main()
+{
+    uint index = gl_GlobalInvocationID.x;
+    if (index >= push.ray_count)
+        return;
+    vec4 origin = rays[index].origin_t_max;
+    vec3 direction = rays[index].direction.xyz;
+    trace_hit_gpu result;
+    if (ANY) {
+        bool is_hit = trace_any(origin.xyz, direction, origin.w);
+        result.hit = uvec4(0u, is_hit ? 0u : TRACE_MISS, 0u, trace_guard);
+        result.barycentrics = vec4(0.0);
+    } else {
+        trace_hit hit = trace_closest(origin.xyz, direction, origin.w);
+        result.hit = uvec4(floatBitsToUint(hit.t), hit.instance, hit.triangle, trace_guard);
+        result.barycentrics = vec4(hit.barycentrics, 0.0, 0.0);
+    }
+    hits[index] = result;
+}
