@@ -27,7 +27,7 @@ suite=bookworm-backports
 mkdir -p "$folder/sources" "$folder/lists/partial" "$folder/cache/archives/partial" "$folder/root"
 sources=/etc/apt
 cat "$sources/sources.list" "$sources"/sources.list.d/*.list 2>/dev/null |
-    sed -nE "s/^[[:space:]]*deb([[:space:]]+\[[^]]*\])?[[:space:]]+([^[:space:]]+)[[:space:]]+$codename[[:space:]].*/deb\1 \2 $suite main/p" \
+    sed -nE "s/^[[:space:]]*deb([[:space:]]+\[[^]]*\])?[[:space:]]+([^[:space:]]+)[[:space:]]+${codename}[[:space:]].*/deb\1 \2 $suite main/p" \
         >"$folder/sources/backports.list"
 for file in "$sources"/sources.list.d/*.sources; do
     [ ! -f "$file" ] || awk -v RS= -v codename="$codename" -v suite="$suite" '

@@ -1,0 +1,42 @@
+/* image_measure.h: how far one image is from another, and what it sums to.
+ *
+ * Images are rows of interleaved floats; two that are compared have the same size and components. Sums are
+ * taken in double in a fixed order, so that a measure of the same pixels is the same number. A pixel that is
+ * not finite makes the measures of its image not finite: count them first with measure_non_finite.
+ */
+#ifndef CAUSTIC_IMAGE_MEASURE_H
+#define CAUSTIC_IMAGE_MEASURE_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+struct measure_image {
+    const float *values; /* width * height * components, rows from the top */
+    uint32_t width, height, components;
+};
+
+/* Values that are NaN or infinite. */
+size_t measure_non_finite(const struct measure_image *image);
+
+/* sum |image - reference| / sum |reference|; 0 when both are black, +infinity when only the reference is. */
+double measure_relative_l1(const struct measure_image *image, const struct measure_image *reference);
+
+/* Root of the mean squared difference over all values. */
+double measure_rmse(const struct measure_image *image, const struct measure_image *reference);
+
+/* Root of sum (image - reference)^2 / sum reference^2; black images as in measure_relative_l1. */
+double measure_relative_rmse(const struct measure_image *image, const struct measure_image *reference);
+
+/* Sum of one component over all pixels, each times its weight: the pixel's area on the surface it sees makes
+ * an irradiance image's sum its flux in W. `weights` holds width * height values; NULL: 1. */
+double measure_sum(const struct measure_image *image, uint32_t component, const double *weights);
+
+/* Mean over the 3x3 neighbourhood, at the border over the part inside the image. `target` holds as many
+ * values as the image and does not overlap it. */
+void measure_box3(const struct measure_image *image, float *target);
+
+/* The value below which `percent` (0 to 100) of the values lie, interpolated linearly between neighbours.
+ * Sorts `values`; none may be NaN. 0 values give 0. */
+double measure_percentile(double *values, size_t count, double percent);
+
+#endif
