@@ -634,8 +634,7 @@ void gpu_record_dispatch(struct gpu_frame *frame, const struct gpu_dispatch *dis
     frame_mark_binds(frame, program, dispatch->binds, dispatch->bind_count);
 }
 
-/* Orders and notes a transfer command; `source` may be NULL. */
-static void begin_transfer(struct gpu_frame *frame, struct gpu_buffer *target, struct gpu_buffer *source)
+void frame_begin_transfer(struct gpu_frame *frame, struct gpu_buffer *target, struct gpu_buffer *source)
 {
     struct gpu *gpu = frame->gpu;
     struct hazards hazards = {0};
@@ -667,7 +666,7 @@ void gpu_record_fill(struct gpu_frame *frame, struct gpu_buffer *buffer, size_t 
                    offset, size);
         return;
     }
-    begin_transfer(frame, buffer, NULL);
+    frame_begin_transfer(frame, buffer, NULL);
     frame->gpu->vk.vkCmdFillBuffer(frame->commands, buffer->handle, offset, size, value);
 }
 
@@ -683,7 +682,7 @@ void gpu_record_copy(struct gpu_frame *frame, struct gpu_buffer *target, size_t 
         frame_fail(frame, STATUS_INVALID, "a copy within buffer '%s' overlaps itself", target->name);
         return;
     }
-    begin_transfer(frame, target, source);
+    frame_begin_transfer(frame, target, source);
     const VkBufferCopy region = {.srcOffset = source_offset, .dstOffset = target_offset, .size = size};
     frame->gpu->vk.vkCmdCopyBuffer(frame->commands, source->handle, target->handle, 1, &region);
 }
@@ -734,7 +733,7 @@ void gpu_record_upload(struct gpu_frame *frame, struct gpu_buffer *target, size_
         return;
     }
     memcpy(bytes, data, size);
-    begin_transfer(frame, target, NULL);
+    frame_begin_transfer(frame, target, NULL);
     const VkBufferCopy region = {.srcOffset = staging_offset, .dstOffset = offset, .size = size};
     frame->gpu->vk.vkCmdCopyBuffer(frame->commands, staging->handle, target->handle, 1, &region);
 }

@@ -253,7 +253,7 @@ struct gpu_draw {
 
 /* Clears the attachment to 0, draws a triangle list additively, resolves when multisampled. */
 void gpu_record_draw(struct gpu_frame *frame, const struct gpu_draw *draw);
-/* Copies the (resolved) attachment as tight rows of 4 float (or half) to `target`. */
+/* Copies what this frame drew, resolved, as tight rows of 4 float (or half) to `target`. */
 void gpu_record_raster_read(struct gpu_frame *frame, struct gpu_raster *raster, struct gpu_buffer *target);
 
 #endif

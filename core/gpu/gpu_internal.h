@@ -240,6 +240,8 @@ void frame_mark_binds(struct gpu_frame *frame, struct program *program, const st
 void frame_mark(struct gpu_frame *frame, struct gpu_buffer *buffer, enum usage usage);
 bool frame_check_range(struct gpu_frame *frame, const struct gpu_buffer *buffer, size_t offset, size_t size,
                        const char *what);
+/* Orders and notes a transfer command that is recorded next; `source` may be NULL. */
+void frame_begin_transfer(struct gpu_frame *frame, struct gpu_buffer *target, struct gpu_buffer *source);
 /* Room for `size` bytes in the frame's staging memory. NULL after frame_fail. */
 void *frame_stage(struct gpu_frame *frame, size_t size, struct gpu_buffer **buffer, size_t *offset);
 
