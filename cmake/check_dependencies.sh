@@ -24,7 +24,7 @@ check() { # check FOLDER
     (
         cd "$1"
         for folder in core shaders protocol server clients bench; do
-            [ ! -d "$folder" ] || find "$folder" -type f \( -name '*.c' -o -name '*.h' -o -name '*.cpp' \)
+            [ ! -d "$folder" ] || find "$folder" -type f \( -name '*.c' -o -name '*.h' -o -name '*.cpp' -o -name '*.hpp' \)
         done | sort | awk -v rules="$rules" '
             function starts(path, folder) {
                 return substr(path, 1, length(folder)) == folder &&
