@@ -171,6 +171,138 @@ void bvh_lane_trace(vec3 origin, vec3 direction, bool any, inout trace_hit hit)
     }
 }
 
+// ---- as a packet ----------------------------------------------------------------------------------------
+
+// All lanes of the subgroup are active and in step here; what steers the loops is the same in all of them.
+const uint PACKET_LANES = 8u;
+uint packet_lane()
+{
+    return gl_SubgroupInvocationID & (PACKET_LANES - 1u);
+}
+
+float packet_float(uint piece, uint lane)
+{
+    return uintBitsToFloat(subgroupShuffle(piece, lane));
+}
+
+// Sum over the packet; callers keep counts in separate bits of one word.
+uint packet_sum(uint value)
+{
+    value += subgroupShuffleXor(value, 1u);
+    value += subgroupShuffleXor(value, 2u);
+    value += subgroupShuffleXor(value, 4u);
+    return value;
+}
+
+// A stack of references laid across the lanes: entry i lies in lane i % 8 of word i / 8.
+struct packet_stack {
+    uvec4 words;
+    uint size;
+};
+
+void packet_push(inout packet_stack stack, uint reference, bool is_wanted)
+{
+    uint slot = packet_lane();
+    stack.words = mix(stack.words, uvec4(reference),
+                      equal(uvec4(is_wanted ? stack.size : 0xffffffffu), slot + uvec4(0u, 8u, 16u, 24u)));
+    stack.size += is_wanted ? 1u : 0u;
+}
+
+uint packet_top(packet_stack stack)
+{
+    uint last = stack.size - 1u;
+    uint word = last < 16u ? (last < 8u ? stack.words.x : stack.words.y) : (last < 24u ? stack.words.z : stack.words.w);
+    return stack.size > 0u ? subgroupShuffle(word, last & 7u) : BVH_DONE;
+}
+
+void bvh_packet_descend(bvh_ray ray, uint root, float t_max, inout uint reference, inout packet_stack stack,
+                        inout uint steps)
+{
+    while ((reference & BVH_LEAF) == 0u) {
+        uvec2 piece = bvh_node_pieces[(root + reference) * 8u + packet_lane()];
+        vec4 nx = vec4(packet_float(piece.x, 0u), packet_float(piece.y, 0u), packet_float(piece.x, 1u), packet_float(piece.y, 1u));
+        vec4 ny = vec4(packet_float(piece.x, 2u), packet_float(piece.y, 2u), packet_float(piece.x, 3u), packet_float(piece.y, 3u));
+        vec4 nz = vec4(packet_float(piece.x, 4u), packet_float(piece.y, 4u), packet_float(piece.x, 5u), packet_float(piece.y, 5u));
+        uint left_child = subgroupShuffle(piece.x, 6u);
+        uint right_child = subgroupShuffle(piece.y, 6u);
+        vec4 span = bvh_enter_leave(ray, nx, ny, nz, t_max);
+        bool left = span.x <= span.y;
+        bool right = span.z <= span.w;
+        bool right_first = right && (!left || span.z < span.x);
+        // lanes that want left, right, and right before left
+        uint votes = packet_sum((left ? 1u : 0u) + (right ? 0x100u : 0u) + (right_first ? 0x10000u : 0u));
+        bool any_left = (votes & 0xffu) != 0u;
+        bool any_right = (votes & 0xff00u) != 0u;
+        uint first_right = votes >> 16;
+        // lanes that want none have no say
+        bool turn = any_right && (!any_left || 2u * first_right > max(votes & 0xffu, (votes >> 8) & 0xffu));
+        packet_push(stack, turn ? left_child : right_child, any_left && any_right);
+        uint near = turn ? right_child : left_child;
+        bool is_dry = !(any_left || any_right);
+        reference = is_dry ? packet_top(stack) : near;
+        stack.size -= is_dry && stack.size > 0u ? 1u : 0u;
+        if (++steps > BVH_MAX_STEPS) {
+            trace_guard = 1u;
+            stack.size = 0u;
+            reference = BVH_DONE;
+        }
+    }
+}
+
+void bvh_packet_trace(vec3 origin, vec3 direction, bool any, inout trace_hit hit)
+{
+    bvh_ray world = bvh_prepare(origin, direction);
+    uint steps = 0u;
+    packet_stack top_stack;
+    top_stack.words = uvec4(0u);
+    top_stack.size = 0u;
+    uint top = 0u;
+    while (true) {
+        bvh_packet_descend(world, 0u, hit.t, top, top_stack, steps);
+        if (top == BVH_DONE)
+            break;
+        uint instance = top & BVH_INDEX_MASK;
+        // the words from to_object on, sixteen in all
+        uvec2 part = bvh_instance_pieces[instance * 14u + 6u + packet_lane()];
+        vec4 row0 = vec4(packet_float(part.x, 0u), packet_float(part.y, 0u), packet_float(part.x, 1u), packet_float(part.y, 1u));
+        vec4 row1 = vec4(packet_float(part.x, 2u), packet_float(part.y, 2u), packet_float(part.x, 3u), packet_float(part.y, 3u));
+        vec4 row2 = vec4(packet_float(part.x, 4u), packet_float(part.y, 4u), packet_float(part.x, 5u), packet_float(part.y, 5u));
+        uint root = subgroupShuffle(part.x, 7u);
+        uint first_triangle = subgroupShuffle(part.y, 7u);
+        vec4 point = vec4(origin, 1.0);
+        bvh_ray ray = bvh_prepare(vec3(dot(row0, point), dot(row1, point), dot(row2, point)),
+                                  vec3(dot(row0.xyz, direction), dot(row1.xyz, direction), dot(row2.xyz, direction)));
+        packet_stack stack;
+        stack.words = uvec4(0u);
+        stack.size = 0u;
+        uint reference = 0u;
+        while (true) {
+            bvh_packet_descend(ray, root, hit.t, reference, stack, steps);
+            if (reference == BVH_DONE)
+                break;
+            uint first = first_triangle + (reference & BVH_INDEX_MASK);
+            uint last = first + ((reference >> BVH_COUNT_SHIFT) & BVH_COUNT_MASK);
+            for (uint i = first; i <= last; i++) {
+                uvec2 piece = bvh_triangle_pieces[i * 6u + min(packet_lane(), 5u)];
+                vec3 p0 = vec3(packet_float(piece.x, 0u), packet_float(piece.y, 0u), packet_float(piece.x, 1u));
+                vec3 p1 = vec3(packet_float(piece.x, 2u), packet_float(piece.y, 2u), packet_float(piece.x, 3u));
+                vec3 p2 = vec3(packet_float(piece.x, 4u), packet_float(piece.y, 4u), packet_float(piece.x, 5u));
+                uint triangle = subgroupShuffle(piece.y, 1u);
+                if (bvh_triangle_test(ray, p0, p1, p2, hit)) {
+                    hit.instance = instance;
+                    hit.triangle = triangle;
+                    if (any)
+                        hit.t = 0.0; // enters nothing any more
+                }
+            }
+            reference = packet_top(stack);
+            stack.size -= stack.size > 0u ? 1u : 0u;
+        }
+        top = packet_top(top_stack);
+        top_stack.size -= top_stack.size > 0u ? 1u : 0u;
+    }
+}
+
 // ---- the interface --------------------------------------------------------------------------------------
 
 trace_hit bvh_trace(vec3 origin, vec3 direction, float t_max, bool any)
@@ -180,7 +312,11 @@ trace_hit bvh_trace(vec3 origin, vec3 direction, float t_max, bool any)
     hit.instance = TRACE_MISS;
     hit.triangle = 0u;
     hit.barycentrics = vec2(0.0);
-    bvh_lane_trace(origin, direction, any, hit);
+    bool is_packet = gl_SubgroupSize <= 16u && bitCount(subgroupBallot(true).x) == gl_SubgroupSize;
+    if (is_packet)
+        bvh_packet_trace(origin, direction, any, hit);
+    else
+        bvh_lane_trace(origin, direction, any, hit);
     return hit;
 }
 
