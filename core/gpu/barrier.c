@@ -89,8 +89,8 @@ void tracker_resolve(struct gpu *gpu, VkCommandBuffer commands, const struct haz
             continue;
         }
         for (uint32_t target = 0; target < USAGE_COUNT; target++) {
-            if (!(usages[target].stages & ~barrier.dstStageMask) &&
-                !(usages[target].access & ~barrier.dstAccessMask)) {
+            const bool is_visible = !made_available || !(usages[target].access & ~barrier.dstAccessMask);
+            if (!(usages[target].stages & ~barrier.dstStageMask) && is_visible) {
                 tracker->ordered[source][target] = tracker->command - 1;
             }
         }
