@@ -12,12 +12,11 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#define CACHE_MAGIC     0x31435043u /* "CPC1" */
+#define CACHE_MAGIC     0x3165686361637063u /* "cpcache1" */
 #define CACHE_MAX_BYTES ((size_t)256 << 20)
 
 struct cache_header {
-    uint32_t magic, reserved;
-    uint64_t size, hash;
+    uint64_t magic, size, hash;
 };
 
 /* FNV-1a, 64 bits. */
