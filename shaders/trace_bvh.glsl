@@ -95,8 +95,12 @@ vec4 bvh_enter_leave(bvh_ray ray, vec4 nx, vec4 ny, vec4 nz, float t_max)
     return vec4(enter.x, min(leave.x, t_max), enter.y, min(leave.y, t_max));
 }
 
-// Goes from inner node `reference` to the next leaf, BVH_DONE when none is left.
-void bvh_lane_descend(bvh_ray ray, uint root, float t_max, inout uint reference, inout uint stack[BVH_MAX_DEPTH],
+// References still to visit: the top level's, then the bottom level's. Global: drivers copy arrays that are handed to
+// functions, which made lavapipe 22.3 three times slower.
+uint bvh_stack[2 * BVH_MAX_DEPTH];
+
+// Goes from inner node `reference` to the next leaf, BVH_DONE when the stack is down to `stack_base`.
+void bvh_lane_descend(bvh_ray ray, uint root, float t_max, inout uint reference, uint stack_base,
                       inout uint stack_size, inout uint steps)
 {
     while ((reference & BVH_LEAF) == 0u) {
@@ -107,17 +111,17 @@ void bvh_lane_descend(bvh_ray ray, uint root, float t_max, inout uint reference,
         bool right_first = right && (!left || span.z < span.x);
         uint near = right_first ? node.child.y : node.child.x;
         if (left && right) {
-            stack[min(stack_size, uint(BVH_MAX_DEPTH - 1))] = right_first ? node.child.x : node.child.y;
+            bvh_stack[stack_size] = right_first ? node.child.x : node.child.y;
             stack_size++;
         } else if (!(left || right)) {
             near = BVH_DONE;
-            if (stack_size > 0u)
-                near = stack[--stack_size];
+            if (stack_size > stack_base)
+                near = bvh_stack[--stack_size];
         }
         reference = near;
         if (++steps > BVH_MAX_STEPS) {
             trace_guard = 1u;
-            stack_size = 0u;
+            stack_size = stack_base;
             reference = BVH_DONE;
         }
     }
@@ -127,11 +131,10 @@ void bvh_lane_trace(vec3 origin, vec3 direction, bool any, inout trace_hit hit)
 {
     bvh_ray world = bvh_prepare(origin, direction);
     uint steps = 0u;
-    uint top_stack[BVH_MAX_DEPTH];
     uint top_size = 0u;
     uint top = 0u;
     while (true) {
-        bvh_lane_descend(world, 0u, hit.t, top, top_stack, top_size, steps);
+        bvh_lane_descend(world, 0u, hit.t, top, 0u, top_size, steps);
         if (top == BVH_DONE)
             break;
         uint instance = top & BVH_INDEX_MASK;
@@ -141,11 +144,10 @@ void bvh_lane_trace(vec3 origin, vec3 direction, bool any, inout trace_hit hit)
             vec3(dot(data.to_object[0], point), dot(data.to_object[1], point), dot(data.to_object[2], point)),
             vec3(dot(data.to_object[0].xyz, direction), dot(data.to_object[1].xyz, direction),
                  dot(data.to_object[2].xyz, direction)));
-        uint stack[BVH_MAX_DEPTH];
-        uint stack_size = 0u;
+        uint stack_size = top_size;
         uint reference = 0u;
         while (true) {
-            bvh_lane_descend(ray, data.bvh_root, hit.t, reference, stack, stack_size, steps);
+            bvh_lane_descend(ray, data.bvh_root, hit.t, reference, top_size, stack_size, steps);
             if (reference == BVH_DONE)
                 break;
             uint first = data.bvh_triangle + (reference & BVH_INDEX_MASK);
@@ -161,13 +163,13 @@ void bvh_lane_trace(vec3 origin, vec3 direction, bool any, inout trace_hit hit)
             }
             bool finished = any && hit.instance != TRACE_MISS;
             reference = BVH_DONE;
-            if (stack_size > 0u && !finished)
-                reference = stack[--stack_size];
+            if (stack_size > top_size && !finished)
+                reference = bvh_stack[--stack_size];
         }
         bool finished = any && hit.instance != TRACE_MISS;
         top = BVH_DONE;
         if (top_size > 0u && !finished)
-            top = top_stack[--top_size];
+            top = bvh_stack[--top_size];
     }
 }
 
