@@ -159,7 +159,7 @@ static void add_statistics(const struct protocol_hello *hello, const struct prot
 }
 
 static json_t *json_frame(const struct protocol_hello *hello, const struct client_frame *frame,
-                          uint32_t number, uint64_t request_ns)
+                          uint32_t number, const char *file, uint64_t request_ns)
 {
     const struct protocol_frame *info = &frame->info;
     json_t *object = json_object(), *passes = json_object(), *plan = json_array(), *channels = json_array();
