@@ -1,0 +1,17 @@
+/* scene_rest.h: what an imported scene needs once all its parts stand at their places. Internal to
+ * core/scene. */
+#ifndef CAUSTIC_SCENE_REST_H
+#define CAUSTIC_SCENE_REST_H
+
+#include "scene_builder.h"
+
+/* Removes instances whose transform at time 0 has no volume (or overflows) and that no animation can open up,
+ * with a warning each: they cannot be traced. */
+void scene_drop_collapsed(struct scene_builder *builder);
+
+/* Gives every instance of an emissive material a light that stands in for it, with a warning that says so:
+ * an open surface a cosine emitter just before it, a closed one a point light in its middle (the surface
+ * itself, which would shut the light in, is left out). Intensities are those of the surface at rest. */
+void scene_add_emissive_lights(struct scene_builder *builder);
+
+#endif
