@@ -1,0 +1,82 @@
+/* photons.c: emission and the bounce loop (shaders/photon_*.comp). */
+#include <stddef.h>
+
+#include "view_state.h"
+
+bool photons_prepare(struct view *view)
+{
+    size_t rays = 2 * (size_t)view->settings.photons, stored = 4 * (size_t)view->settings.photons;
+    /* a small budget still has a ray per cell of the smallest tiles */
+    size_t least = GROUP_SIZE * 4;
+    rays = rays < least ? least : rays;
+    stored = stored < least ? least : stored;
+    return view_buffer(view, BUFFER_RAYS, rays * sizeof(struct photon_ray)) &&
+           view_buffer(view, BUFFER_RAYS_OTHER, rays * sizeof(struct photon_ray)) &&
+           view_buffer(view, BUFFER_QUEUE, rays * sizeof(uint32_t)) &&
+           view_buffer(view, BUFFER_QUEUE_OTHER, rays * sizeof(uint32_t)) &&
+           view_buffer(view, BUFFER_OUTCOMES, rays * sizeof(uint32_t)) &&
+           view_buffer(view, BUFFER_GROUPS, (rays / GROUP_SIZE + 1) * 2 * sizeof(uint32_t)) &&
+           view_buffer(view, BUFFER_PHOTONS, stored * sizeof(struct photon));
+}
+
+void photons_record(struct view *view, struct gpu_frame *frame)
+{
+    gpu_pass_begin(frame, "emit");
+    view_dispatch(view, frame,
+                  &(struct view_dispatch){.shader = "photon_emit.comp",
+                                          .lights = true,
+                                          .indirect = BUFFER_COUNTERS,
+                                          .indirect_offset = offsetof(struct counters_gpu, queue),
+                                          USES({BINDING_PASS, GPU_READ_WRITE, BUFFER_COUNTERS},
+                                               {BINDING_PASS + 1, GPU_READ, BUFFER_TREE},
+                                               {BINDING_PASS + 2, GPU_WRITE, BUFFER_RAYS},
+                                               {BINDING_PASS + 3, GPU_WRITE, BUFFER_QUEUE})});
+    gpu_pass_end(frame);
+    for (uint32_t bounce = 0; bounce <= (uint32_t)view->settings.max_bounces; bounce++) {
+        uint32_t parity = bounce % 2;
+        enum view_buffer rays = parity ? BUFFER_RAYS_OTHER : BUFFER_RAYS;
+        enum view_buffer children = parity ? BUFFER_RAYS : BUFFER_RAYS_OTHER;
+        enum view_buffer queue = parity ? BUFFER_QUEUE_OTHER : BUFFER_QUEUE;
+        enum view_buffer next_queue = parity ? BUFFER_QUEUE : BUFFER_QUEUE_OTHER;
+        size_t groups = offsetof(struct counters_gpu, queue) + parity * 4 * sizeof(uint32_t);
+        gpu_pass_begin(frame, "trace");
+        view_dispatch(view, frame,
+                      &(struct view_dispatch){.shader = "photon_trace.comp",
+                                              .traces = true,
+                                              .has_push = true,
+                                              .push = parity,
+                                              .indirect = BUFFER_COUNTERS,
+                                              .indirect_offset = groups,
+                                              USES({BINDING_PASS, GPU_READ_WRITE, BUFFER_COUNTERS},
+                                                   {BINDING_PASS + 1, GPU_READ_WRITE, rays},
+                                                   {BINDING_PASS + 2, GPU_WRITE, children},
+                                                   {BINDING_PASS + 3, GPU_READ, queue},
+                                                   {BINDING_PASS + 4, GPU_WRITE, BUFFER_OUTCOMES},
+                                                   {BINDING_PASS + 5, GPU_WRITE, BUFFER_GROUPS})});
+        gpu_pass_end(frame);
+        gpu_pass_begin(frame, "compact");
+        view_dispatch(view, frame,
+                      &(struct view_dispatch){.shader = "photon_scan.comp",
+                                              .has_push = true,
+                                              .push = parity,
+                                              .groups = {1, 1},
+                                              USES({BINDING_PASS, GPU_READ_WRITE, BUFFER_COUNTERS},
+                                                   {BINDING_PASS + 1, GPU_READ_WRITE, BUFFER_GROUPS})});
+        view_dispatch(view, frame,
+                      &(struct view_dispatch){.shader = "photon_compact.comp",
+                                              .has_push = true,
+                                              .push = parity,
+                                              .indirect = BUFFER_COUNTERS,
+                                              .indirect_offset = groups,
+                                              USES({BINDING_PASS, GPU_READ_WRITE, BUFFER_COUNTERS},
+                                                   {BINDING_PASS + 1, GPU_READ, BUFFER_TARGETS},
+                                                   {BINDING_PASS + 2, GPU_READ, rays},
+                                                   {BINDING_PASS + 3, GPU_READ, queue},
+                                                   {BINDING_PASS + 4, GPU_READ, BUFFER_OUTCOMES},
+                                                   {BINDING_PASS + 5, GPU_READ, BUFFER_GROUPS},
+                                                   {BINDING_PASS + 6, GPU_WRITE, next_queue},
+                                                   {BINDING_PASS + 7, GPU_WRITE, BUFFER_PHOTONS},
+                                                   {BINDING_PASS + 8, GPU_READ, BUFFER_TREE})});
+        gpu_pass_end(frame);
+    }
+}

@@ -1,0 +1,307 @@
+/* tiles.c: fits every light's tile to the casters, as the light sees them.
+ *
+ * Source: design 4. A tile keeps its place while it still holds the casters and is not much too large, so that
+ * task buffers have something to rely on.
+ */
+#include <math.h>
+#include <string.h>
+
+#include "view_state.h"
+
+#define CAP_MARGIN     1.02f /* on the half angle: bounding boxes move by rounding */
+#define CAP_TOO_LARGE  1.25f /* half angle against the one needed: then it is worth a new tile */
+#define CAP_WIDEST     1.9f  /* rad: above it a cap's map is stretched, the octahedron serves */
+#define CAP_STEPS      48
+#define PI_F           3.14159265f
+
+static float dot3(const float a[3], const float b[3])
+{
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+static bool normalise(float v[3])
+{
+    float length = sqrtf(dot3(v, v));
+    if (!(length > 0) || !isfinite(length))
+        return false;
+    for (int i = 0; i < 3; i++)
+        v[i] /= length;
+    return true;
+}
+
+/* x, y perpendicular to the unit vector z; Duff et al. 2017, continuous but at z = -1. */
+static void frame_about(const float z[3], float x[3], float y[3])
+{
+    float sign = copysignf(1.0f, z[2]);
+    float a = -1.0f / (sign + z[2]), b = z[0] * z[1] * a;
+    x[0] = 1.0f + sign * z[0] * z[0] * a;
+    x[1] = sign * b;
+    x[2] = -sign * z[0];
+    y[0] = b;
+    y[1] = sign + z[1] * z[1] * a;
+    y[2] = -z[1];
+}
+
+static void box_corner(const struct caster_box *box, int corner, float p[3])
+{
+    p[0] = corner & 1 ? box->maximum.x : box->minimum.x;
+    p[1] = corner & 2 ? box->maximum.y : box->minimum.y;
+    p[2] = corner & 4 ? box->maximum.z : box->minimum.z;
+}
+
+/* Smallest cosine between `axis` and the corners of all boxes seen from `apex`; the corner's direction in
+ * `farthest`. -1 when the apex is inside a box. */
+static float widest_corner(const struct renderer *renderer, const float apex[3], const float axis[3],
+                           float farthest[3])
+{
+    float least = 2;
+    for (uint32_t i = 0; i < renderer->caster_box_count; i++) {
+        const struct caster_box *box = &renderer->caster_boxes[i];
+        if (apex[0] >= box->minimum.x && apex[0] <= box->maximum.x && apex[1] >= box->minimum.y &&
+            apex[1] <= box->maximum.y && apex[2] >= box->minimum.z && apex[2] <= box->maximum.z)
+            return -1;
+        for (int corner = 0; corner < 8; corner++) {
+            float d[3];
+            box_corner(box, corner, d);
+            for (int k = 0; k < 3; k++)
+                d[k] -= apex[k];
+            if (!normalise(d))
+                return -1;
+            float cosine = dot3(d, axis);
+            if (cosine < least) {
+                least = cosine;
+                memcpy(farthest, d, sizeof d);
+            }
+        }
+    }
+    return least;
+}
+
+/* A nearly smallest cone around the casters: the axis moves toward the farthest corner by ever smaller steps
+ * (Badoiu and Clarkson 2003). Returns the half angle, pi when there is no such cone. */
+static float fit_cone(const struct renderer *renderer, const float apex[3], float axis[3])
+{
+    float sum[3] = {0, 0, 0}, farthest[3] = {0, 0, 0};
+    for (uint32_t i = 0; i < renderer->caster_box_count; i++) {
+        const struct caster_box *box = &renderer->caster_boxes[i];
+        float d[3] = {0.5f * (box->minimum.x + box->maximum.x) - apex[0],
+                      0.5f * (box->minimum.y + box->maximum.y) - apex[1],
+                      0.5f * (box->minimum.z + box->maximum.z) - apex[2]};
+        if (normalise(d))
+            for (int k = 0; k < 3; k++)
+                sum[k] += d[k];
+    }
+    if (!normalise(sum))
+        return PI_F;
+    float best = -2;
+    for (int step = 0; step < CAP_STEPS; step++) {
+        float cosine = widest_corner(renderer, apex, sum, farthest);
+        if (cosine <= -1)
+            return PI_F;
+        if (cosine > best) {
+            best = cosine;
+            memcpy(axis, sum, sizeof sum);
+        }
+        float weight = 1.0f / (float)(step + 2);
+        for (int k = 0; k < 3; k++)
+            sum[k] += weight * (farthest[k] - sum[k]);
+        if (!normalise(sum))
+            break;
+    }
+    return acosf(fmaxf(-1, fminf(1, best)));
+}
+
+static void set_cap(struct light_tile *tile, const float axis[3], float half_angle)
+{
+    tile->map = TILE_CAP;
+    memcpy(tile->z, axis, sizeof tile->z);
+    frame_about(tile->z, tile->x, tile->y);
+    /* 1 - cos without cancellation */
+    float s = sinf(0.5f * half_angle);
+    tile->height = 2 * s * s;
+    tile->measure = 2 * PI_F * tile->height;
+}
+
+static void set_sphere(struct light_tile *tile)
+{
+    static const float axes[3][3] = {{1, 0, 0}, {0, 0, -1}, {0, 1, 0}};
+    tile->map = TILE_SPHERE;
+    memcpy(tile->x, axes[0], sizeof tile->x);
+    memcpy(tile->y, axes[1], sizeof tile->y);
+    memcpy(tile->z, axes[2], sizeof tile->z);
+    tile->measure = 4 * PI_F;
+}
+
+static float cap_half_angle(const struct light_tile *tile)
+{
+    return 2 * asinf(sqrtf(fminf(1, 0.5f * tile->height)));
+}
+
+/* The tile of a light with a position. */
+static void fit_directions(const struct view *view, const struct light_gpu *light, struct light_tile *tile)
+{
+    const float apex[3] = {light->position.x, light->position.y, light->position.z};
+    const float direction[3] = {light->direction.x, light->direction.y, light->direction.z};
+    float cone = light->type == LIGHT_TYPE_SPOT     ? acosf(light->position.w)
+                 : light->type == LIGHT_TYPE_COSINE ? PI_F / 2
+                                                    : PI_F;
+    struct light_tile old = *tile;
+    float axis[3], half = PI_F;
+    if (view->settings.tile == TILE_FIT_CASTERS)
+        half = fit_cone(view->renderer, apex, axis);
+    float wanted = fminf(half * CAP_MARGIN + 1e-5f, PI_F);
+    if (cone < PI_F && cone <= wanted)
+        set_cap(tile, direction, cone);
+    else if (wanted > CAP_WIDEST)
+        set_sphere(tile);
+    else {
+        float unused[3];
+        bool holds = old.is_valid && old.map == TILE_CAP &&
+                     widest_corner(view->renderer, apex, old.z, unused) >= 1 - old.height &&
+                     cap_half_angle(&old) <= CAP_TOO_LARGE * wanted;
+        if (!holds)
+            set_cap(tile, axis, wanted);
+    }
+}
+
+static void fit_beam(const struct view *view, const struct light_gpu *light, struct light_tile *tile)
+{
+    const struct renderer *renderer = view->renderer;
+    struct light_tile fitted = {.map = TILE_RECT};
+    const float direction[3] = {light->direction.x, light->direction.y, light->direction.z};
+    memcpy(fitted.z, direction, sizeof fitted.z);
+    frame_about(fitted.z, fitted.x, fitted.y);
+    const float *low_end = renderer->scene_min, *high_end = renderer->scene_max;
+    const struct caster_box whole = {{low_end[0], low_end[1], low_end[2], 0}, {high_end[0], high_end[1], high_end[2], 0}};
+    bool is_fitted = view->settings.tile == TILE_FIT_CASTERS;
+    uint32_t count = is_fitted ? renderer->caster_box_count : 1;
+    float low[2] = {INFINITY, INFINITY}, high[2] = {-INFINITY, -INFINITY}, start = INFINITY, p[3];
+    for (uint32_t i = 0; i < count; i++)
+        for (int corner = 0; corner < 8; corner++) {
+            box_corner(is_fitted ? &renderer->caster_boxes[i] : &whole, corner, p);
+            float place[2] = {dot3(p, fitted.x), dot3(p, fitted.y)};
+            for (int k = 0; k < 2; k++) {
+                low[k] = fminf(low[k], place[k]);
+                high[k] = fmaxf(high[k], place[k]);
+            }
+        }
+    for (int corner = 0; corner < 8; corner++) {
+        box_corner(&whole, corner, p);
+        start = fminf(start, dot3(p, fitted.z));
+    }
+    float reach = fmaxf(high[0] - low[0], high[1] - low[1]);
+    start -= 0.01f * reach + 1e-3f * fabsf(start);
+    for (int k = 0; k < 2; k++)
+        fitted.half[k] = fmaxf(0.5f * (high[k] - low[k]) * CAP_MARGIN, 1e-6f * reach + 1e-12f);
+    for (int k = 0; k < 3; k++)
+        fitted.origin[k] = 0.5f * (low[0] + high[0]) * fitted.x[k] + 0.5f * (low[1] + high[1]) * fitted.y[k] +
+                           start * fitted.z[k];
+    fitted.measure = 4 * fitted.half[0] * fitted.half[1];
+    *tile = fitted;
+}
+
+static void put_vec4(vec4 *target, const float v[3], float w)
+{
+    *target = (vec4){v[0], v[1], v[2], w};
+}
+
+static uint32_t map_key(const struct light_tile *tile, float key[14])
+{
+    memcpy(key, tile->x, 3 * sizeof(float));
+    memcpy(key + 3, tile->z, 3 * sizeof(float));
+    memcpy(key + 6, tile->origin, 3 * sizeof(float));
+    memcpy(key + 9, tile->half, 2 * sizeof(float));
+    key[11] = tile->height;
+    key[12] = tile->measure;
+    key[13] = (float)tile->map;
+    return 14;
+}
+
+static void describe_light(const struct view *view, uint32_t index, struct light_gpu *light)
+{
+    const struct renderer *renderer = view->renderer;
+    const struct scene_light *source = &renderer->scene->lights[index];
+    const struct view_light *change = &view->light_changes[index];
+    float position[3], direction[3], intensity[3];
+    memcpy(position, renderer->pose->lights[index].position, sizeof position);
+    memcpy(direction, renderer->pose->lights[index].direction, sizeof direction);
+    memcpy(intensity, source->intensity, sizeof intensity);
+    if (change->overrides & LIGHT_OVERRIDE_POSITION)
+        memcpy(position, change->position, sizeof position);
+    if (change->overrides & LIGHT_OVERRIDE_DIRECTION) {
+        memcpy(direction, change->direction, sizeof direction);
+        normalise(direction);
+    }
+    if (change->overrides & LIGHT_OVERRIDE_INTENSITY)
+        memcpy(intensity, change->intensity, sizeof intensity);
+    memset(light, 0, sizeof *light);
+    light->type = source->is_emissive_mesh && source->type == LIGHT_SPOT ? LIGHT_TYPE_COSINE
+                  : source->type == LIGHT_DIRECTIONAL                    ? LIGHT_TYPE_DIRECTIONAL
+                  : source->type == LIGHT_SPOT                           ? LIGHT_TYPE_SPOT
+                                                                         : LIGHT_TYPE_POINT;
+    put_vec4(&light->position, position, cosf(source->outer_cone));
+    put_vec4(&light->direction, direction, cosf(source->inner_cone));
+    put_vec4(&light->intensity, intensity, intensity[0] + intensity[1] + intensity[2]);
+}
+
+/* Irradiance of uncaustic light at the nearest caster: the scale of the accumulator. */
+static float reference_irradiance(const struct view *view, const struct light_gpu *light)
+{
+    if (light->type == LIGHT_TYPE_DIRECTIONAL)
+        return light->intensity.w;
+    float nearest = INFINITY;
+    for (uint32_t i = 0; i < view->renderer->caster_box_count; i++) {
+        const struct caster_box *box = &view->renderer->caster_boxes[i];
+        float d[3] = {0.5f * (box->minimum.x + box->maximum.x) - light->position.x,
+                      0.5f * (box->minimum.y + box->maximum.y) - light->position.y,
+                      0.5f * (box->minimum.z + box->maximum.z) - light->position.z};
+        nearest = fminf(nearest, dot3(d, d));
+    }
+    return light->intensity.w / fmaxf(nearest, 1e-12f);
+}
+
+void tiles_update(struct view *view)
+{
+    struct renderer *renderer = view->renderer;
+    uint32_t count = view->features.light_count;
+    float flux = 0, reference = 0;
+    bool changed = !view->has_density || view->tiles_pose != renderer->pose_version;
+    for (uint32_t i = 0; i < count; i++) {
+        struct light_gpu *light = &view->lights[i], before = *light;
+        struct light_tile *tile = &view->tiles[i], old = *tile;
+        describe_light(view, i, light);
+        bool has_moved = memcmp(&before.position, &light->position, 2 * sizeof(vec4)) != 0;
+        changed |= has_moved;
+        if (light->type == LIGHT_TYPE_DIRECTIONAL)
+            fit_beam(view, light, tile);
+        else
+            fit_directions(view, light, tile);
+        tile->is_valid = true;
+        float key[14], old_key[14];
+        size_t key_size = map_key(tile, key) * sizeof(float);
+        map_key(&old, old_key);
+        bool is_same = old.is_valid && memcmp(key, old_key, key_size) == 0;
+        changed |= !is_same;
+        light->has_previous = view->has_density && old.is_valid;
+        /* A tile that follows its moving light keeps its densities by place: they go with the caster. */
+        light->changed = light->has_previous && !is_same && !has_moved && old.map == tile->map;
+        light->map = tile->map;
+        put_vec4(&light->tile_x, tile->x, tile->half[0]);
+        put_vec4(&light->tile_y, tile->y, tile->half[1]);
+        put_vec4(&light->tile_z, tile->z, tile->height);
+        put_vec4(&light->tile_origin, tile->origin, tile->measure);
+        light->old_map = old.map;
+        put_vec4(&light->old_x, old.x, old.half[0]);
+        put_vec4(&light->old_y, old.y, old.half[1]);
+        put_vec4(&light->old_z, old.z, old.height);
+        put_vec4(&light->old_origin, old.origin, old.measure);
+        flux += light->intensity.w * tile->measure;
+        reference = fmaxf(reference, reference_irradiance(view, light));
+    }
+    view->mask_is_stale = changed;
+    view->tiles_pose = renderer->pose_version;
+    struct frame_gpu *data = &view->data;
+    data->flux_unit = fmaxf(flux, 1e-30f) * 0x1p-40f;
+    data->irradiance_unit = fmaxf(reference, 1e-30f) * 0x1p-26f;
+    data->cell_flux = fmaxf(flux, 1e-30f) / ((float)count * (float)(view->cells * view->cells));
+}

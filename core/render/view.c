@@ -1,0 +1,816 @@
+/* view.c: a view's state and its frames. */
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+#include "../../shaders/shader_table.h"
+#include "view_state.h"
+
+static uint64_t now_ns(void)
+{
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (uint64_t)t.tv_sec * 1000000000u + (uint64_t)t.tv_nsec;
+}
+
+/* ---- buffers and dispatches ---------------------------------------------------------------------------- */
+
+static const char *const buffer_names[BUFFER_COUNT] = {
+    "frame",      "lights",     "counters", "caster boxes",     "caster mask", "density",   "density",
+    "quadtree",   "partials",   "feedback", "variance",         "rays",        "rays",      "queue",
+    "queue",      "outcomes",   "groups",   "photons",          "surfaces",    "targets",   "sums",
+    "irradiance", "irradiance", "output",   "readback",         "counters readback",
+};
+
+bool view_buffer(struct view *view, enum view_buffer id, size_t size)
+{
+    if (size == 0)
+        size = 16;
+    view->asked[id] = size;
+    if (view->buffers[id] && gpu_buffer_size(view->buffers[id]) >= size)
+        return true;
+    gpu_buffer_destroy(&view->buffers[id]);
+    bool is_readback = id == BUFFER_READBACK || id == BUFFER_READBACK_COUNTERS;
+    view->buffers[id] = gpu_buffer_create(
+        view->renderer->gpu,
+        &(struct gpu_buffer_params){.name = buffer_names[id],
+                                    .size = size,
+                                    .memory = is_readback ? GPU_MEMORY_READBACK : GPU_MEMORY_DEVICE},
+        &view->error);
+    if (!view->buffers[id])
+        view->failed = true;
+    return view->buffers[id] != NULL;
+}
+
+static struct gpu_pipeline *find_pipeline(struct view *view, const struct view_dispatch *dispatch,
+                                          uint32_t binding_mask)
+{
+    struct renderer *r = view->renderer;
+    struct renderer_pipeline wanted = {0};
+    snprintf(wanted.shader, sizeof wanted.shader, "%s%s", dispatch->shader,
+             !dispatch->traces             ? ""
+             : r->tracer == TRACER_KHR ? ".khr"
+                                       : ".bvh");
+    const uint32_t ids[6] = {CONSTANT_FEATURES, CONSTANT_SPLIT, CONSTANT_DENSITY, CONSTANT_AA, CONSTANT_DEPTH, 8};
+    const uint32_t values[6] = {view->features.bits,
+                                (uint32_t)view->settings.split,
+                                (uint32_t)view->settings.density,
+                                (uint32_t)view->settings.aa,
+                                (uint32_t)view->settings.depth_test,
+                                dispatch->phase};
+    memcpy(wanted.constants, values, sizeof values);
+    for (uint32_t i = 0; i < r->pipeline_count; i++)
+        if (strcmp(r->pipelines[i].shader, wanted.shader) == 0 &&
+            memcmp(r->pipelines[i].constants, values, sizeof values) == 0)
+            return r->pipelines[i].pipeline;
+    size_t bytes;
+    const uint32_t *spirv = shader_find(wanted.shader, &bytes);
+    if (!spirv) {
+        error_set(&view->error, STATUS_UNSUPPORTED, "shader '%s' is not part of this build", wanted.shader);
+        return NULL;
+    }
+    struct gpu_constant constants[6];
+    for (int i = 0; i < 6; i++)
+        constants[i] = (struct gpu_constant){ids[i], values[i]};
+    bool is_khr = dispatch->traces && r->tracer == TRACER_KHR;
+    wanted.pipeline = gpu_pipeline_create(r->gpu,
+                                          &(struct gpu_pipeline_params){
+                                              .name = wanted.shader,
+                                              .spirv = spirv,
+                                              .spirv_bytes = bytes,
+                                              .constants = constants,
+                                              .constant_count = 6,
+                                              .binding_mask = binding_mask,
+                                              .accel_mask = is_khr ? 1u << BINDING_NODES : 0,
+                                              .push_bytes = dispatch->has_push ? 4 : 0,
+                                          },
+                                          &view->error);
+    if (!wanted.pipeline)
+        return NULL;
+    if (r->pipeline_count == RENDERER_MAX_PIPELINES) {
+        /* many settings were tried: start over with an empty table */
+        for (uint32_t i = 0; i < r->pipeline_count; i++)
+            gpu_pipeline_destroy(&r->pipelines[i].pipeline);
+        r->pipeline_count = 0;
+    }
+    r->pipelines[r->pipeline_count++] = wanted;
+    return wanted.pipeline;
+}
+
+void view_dispatch(struct view *view, struct gpu_frame *frame, const struct view_dispatch *dispatch)
+{
+    if (view->failed)
+        return;
+    struct renderer *r = view->renderer;
+    struct gpu_bind binds[32];
+    uint32_t count = 0, mask = 0;
+    if (dispatch->traces) {
+        binds[count++] = r->tracer == TRACER_KHR
+                             ? (struct gpu_bind){.binding = BINDING_NODES, .access = GPU_READ, .accel = r->top}
+                             : (struct gpu_bind){.binding = BINDING_NODES, .access = GPU_READ, .buffer = r->nodes};
+        if (r->tracer != TRACER_KHR)
+            binds[count++] =
+                (struct gpu_bind){.binding = BINDING_TRIANGLES, .access = GPU_READ, .buffer = r->triangles};
+        struct gpu_buffer *const scene[] = {r->instances, r->vertices, r->indices, r->materials, r->texels};
+        for (uint32_t i = 0; i < 5; i++)
+            binds[count++] =
+                (struct gpu_bind){.binding = BINDING_INSTANCES + i, .access = GPU_READ, .buffer = scene[i]};
+    }
+    if (dispatch->lights)
+        binds[count++] = (struct gpu_bind){
+            .binding = BINDING_LIGHTS, .access = GPU_READ, .buffer = view->buffers[BUFFER_LIGHTS]};
+    binds[count++] =
+        (struct gpu_bind){.binding = BINDING_FRAME, .access = GPU_READ, .buffer = view->buffers[BUFFER_FRAME]};
+    for (uint32_t i = 0; i < dispatch->use_count; i++)
+        binds[count++] = (struct gpu_bind){.binding = dispatch->uses[i].binding,
+                                           .access = dispatch->uses[i].access,
+                                           .buffer = view->buffers[dispatch->uses[i].buffer]};
+    for (uint32_t i = 0; i < count; i++)
+        mask |= 1u << binds[i].binding;
+    struct gpu_pipeline *pipeline = find_pipeline(view, dispatch, mask);
+    if (!pipeline) {
+        view->failed = true;
+        return;
+    }
+    bool is_indirect = dispatch->indirect_offset != 0;
+    gpu_record_dispatch(frame,
+                        &(struct gpu_dispatch){
+                            .pipeline = pipeline,
+                            .binds = binds,
+                            .bind_count = count,
+                            .push = dispatch->has_push ? &dispatch->push : NULL,
+                            .groups = {dispatch->groups[0], dispatch->groups[1], 1},
+                            .indirect = is_indirect ? view->buffers[dispatch->indirect] : NULL,
+                            .indirect_offset = dispatch->indirect_offset,
+                        });
+}
+
+/* ---- state --------------------------------------------------------------------------------------------- */
+
+static bool check_size(const struct renderer *renderer, uint32_t width, uint32_t height, struct error *error)
+{
+    if (width == 0 || height == 0 || width > VIEW_MAX_SIZE || height > VIEW_MAX_SIZE)
+        return error_set(error, STATUS_INVALID, "size %ux%u is not within 1x1 to %ux%u", width, height,
+                         VIEW_MAX_SIZE, VIEW_MAX_SIZE);
+    if ((uint64_t)width * height > renderer->limits.max_pixels)
+        return error_set(error, STATUS_LIMIT, "size %ux%u has %llu pixels; this device's limit is %u", width, height,
+                         (unsigned long long)width * height, renderer->limits.max_pixels);
+    return true;
+}
+
+/* A camera that sees the whole scene, for scenes without one. */
+static void frame_scene(const struct renderer *renderer, struct view_camera *camera)
+{
+    float middle[3] = {0, 0, 0}, radius = 0;
+    for (int k = 0; k < 3; k++) {
+        if (renderer->scene_min[k] <= renderer->scene_max[k]) {
+            middle[k] = 0.5f * (renderer->scene_min[k] + renderer->scene_max[k]);
+            float half = 0.5f * (renderer->scene_max[k] - renderer->scene_min[k]);
+            radius += half * half;
+        }
+    }
+    radius = sqrtf(radius);
+    if (!(radius > 0))
+        radius = 1;
+    const float way[3] = {0.45f, 0.55f, 0.7f};
+    *camera = (struct view_camera){.up = {0, 1, 0}, .fov = 40};
+    for (int k = 0; k < 3; k++) {
+        camera->at[k] = middle[k];
+        camera->eye[k] = middle[k] + way[k] * radius * 3;
+    }
+}
+
+static void camera_of_scene(const struct renderer *renderer, uint32_t index, struct view_camera *camera)
+{
+    const struct pose_camera *pose = &renderer->pose->cameras[index];
+    for (int k = 0; k < 3; k++) {
+        camera->eye[k] = pose->eye[k];
+        camera->at[k] = pose->eye[k] + pose->forward[k];
+        camera->up[k] = pose->up[k];
+    }
+    camera->fov = renderer->scene->cameras[index].yfov * 57.2957795f;
+}
+
+struct view *view_create(struct renderer *renderer, uint32_t width, uint32_t height, struct error *error)
+{
+    if (!check_size(renderer, width, height, error))
+        return NULL;
+    struct view *view = calloc(1, sizeof *view);
+    uint32_t lights = renderer->scene->light_count;
+    if (view) {
+        view->light_changes = calloc(lights + 1, sizeof *view->light_changes);
+        view->tiles = calloc(lights + 1, sizeof *view->tiles);
+        view->lights = calloc(lights + 1, sizeof *view->lights);
+    }
+    if (!view || !view->light_changes || !view->tiles || !view->lights) {
+        error_set(error, STATUS_MEMORY, "out of memory for a view");
+        view_destroy(&view);
+        return NULL;
+    }
+    view->renderer = renderer;
+    view->width = width;
+    view->height = height;
+    settings_default(&view->settings);
+    if (view->settings.photons > (int32_t)renderer->limits.max_photons)
+        view->settings.photons = (int32_t)renderer->limits.max_photons;
+    view->follow_camera = renderer->scene->camera_count > 0 ? 0 : SCENE_NONE;
+    if (view->follow_camera == SCENE_NONE)
+        frame_scene(renderer, &view->camera);
+    return view;
+}
+
+void view_destroy(struct view **view)
+{
+    struct view *v = *view;
+    if (!v)
+        return;
+    for (uint32_t i = 0; i < BUFFER_COUNT; i++)
+        gpu_buffer_destroy(&v->buffers[i]);
+    free(v->light_changes);
+    free(v->tiles);
+    free(v->lights);
+    free(v->host_values);
+    free(v->atlas_values);
+    free(v);
+    *view = NULL;
+}
+
+void view_reset(struct view *view)
+{
+    view->subframe = 0;
+    view->frame = 0;
+    view->has_density = view->has_feedback = view->has_previous = false;
+    for (uint32_t i = 0; i < view->renderer->scene->light_count; i++)
+        view->tiles[i].is_valid = false;
+}
+
+bool view_set_size(struct view *view, uint32_t width, uint32_t height, struct error *error)
+{
+    if (!check_size(view->renderer, width, height, error))
+        return false;
+    if (view->width != width || view->height != height)
+        view->has_previous = false;
+    view->width = width;
+    view->height = height;
+    return true;
+}
+
+static bool is_finite3(const float v[3])
+{
+    return isfinite(v[0]) && isfinite(v[1]) && isfinite(v[2]);
+}
+
+static void cross3(const float a[3], const float b[3], float out[3])
+{
+    for (int k = 0; k < 3; k++)
+        out[k] = a[(k + 1) % 3] * b[(k + 2) % 3] - a[(k + 2) % 3] * b[(k + 1) % 3];
+}
+
+static float normalise3(float v[3])
+{
+    float largest = fmaxf(fabsf(v[0]), fmaxf(fabsf(v[1]), fabsf(v[2])));
+    if (!(largest > 0) || !isfinite(largest))
+        return 0;
+    float sum = 0;
+    for (int k = 0; k < 3; k++) {
+        v[k] /= largest;
+        sum += v[k] * v[k];
+    }
+    float length = sqrtf(sum);
+    for (int k = 0; k < 3; k++)
+        v[k] /= length;
+    return length * largest;
+}
+
+/* Unit, orthogonal axes of a camera; false when it has none. */
+static bool camera_axes(const struct view_camera *camera, float forward[3], float right[3], float up[3])
+{
+    float towards[3] = {camera->up[0], camera->up[1], camera->up[2]};
+    for (int k = 0; k < 3; k++)
+        forward[k] = camera->at[k] - camera->eye[k];
+    if (!(normalise3(forward) > 0) || !(normalise3(towards) > 0))
+        return false;
+    cross3(forward, towards, right);
+    if (!(normalise3(right) > 1e-5f))
+        return false;
+    cross3(right, forward, up);
+    return true;
+}
+
+bool view_set_camera(struct view *view, const struct view_camera *camera, struct error *error)
+{
+    float forward[3], right[3], up[3];
+    if (!is_finite3(camera->eye) || !is_finite3(camera->at) || !is_finite3(camera->up))
+        return error_set(error, STATUS_INVALID, "camera eye, at and up must be finite");
+    if (!(camera->fov > 0 && camera->fov < 179))
+        return error_set(error, STATUS_INVALID, "camera fov must be above 0 and below 179 degrees, not %g",
+                         (double)camera->fov);
+    if (camera->eye[0] == camera->at[0] && camera->eye[1] == camera->at[1] && camera->eye[2] == camera->at[2])
+        return error_set(error, STATUS_INVALID, "camera eye and at are the same point");
+    if (!camera_axes(camera, forward, right, up))
+        return error_set(error, STATUS_INVALID, "camera up is zero or along the view axis");
+    view->camera = *camera;
+    view->follow_camera = SCENE_NONE;
+    return true;
+}
+
+bool view_follow_camera(struct view *view, uint32_t camera, struct error *error)
+{
+    if (camera >= view->renderer->scene->camera_count)
+        return error_set(error, STATUS_NOT_FOUND, "camera %u does not exist; the scene has %u", camera,
+                         view->renderer->scene->camera_count);
+    view->follow_camera = camera;
+    return true;
+}
+
+bool view_set_light(struct view *view, uint32_t light, const struct view_light *change, struct error *error)
+{
+    if (light >= view->renderer->scene->light_count)
+        return error_set(error, STATUS_NOT_FOUND, "light %u does not exist; the scene has %u", light,
+                         view->renderer->scene->light_count);
+    const char *name = view->renderer->scene->lights[light].name;
+    const uint32_t known = LIGHT_OVERRIDE_INTENSITY | LIGHT_OVERRIDE_POSITION | LIGHT_OVERRIDE_DIRECTION;
+    if (change->overrides & ~known)
+        return error_set(error, STATUS_INVALID, "light '%s': unknown override bits %#x", name, change->overrides & ~known);
+    if (change->overrides & LIGHT_OVERRIDE_INTENSITY)
+        for (int k = 0; k < 3; k++)
+            if (!(change->intensity[k] >= 0 && change->intensity[k] <= 1e12f))
+                return error_set(error, STATUS_INVALID, "light '%s': intensity must be from 0 to 1e12, not %g", name,
+                                 (double)change->intensity[k]);
+    if ((change->overrides & LIGHT_OVERRIDE_POSITION) && !is_finite3(change->position))
+        return error_set(error, STATUS_INVALID, "light '%s': position must be finite", name);
+    float direction[3] = {change->direction[0], change->direction[1], change->direction[2]};
+    if ((change->overrides & LIGHT_OVERRIDE_DIRECTION) && !(is_finite3(direction) && normalise3(direction) > 0))
+        return error_set(error, STATUS_INVALID, "light '%s': direction must be finite and not zero", name);
+    view->light_changes[light] = *change;
+    return true;
+}
+
+bool view_set_setting(struct view *view, enum setting_id id, double value, struct error *error)
+{
+    if (id == SETTING_photons && value > view->renderer->limits.max_photons &&
+        value <= setting_infos[SETTING_photons].maximum)
+        return error_set(error, STATUS_LIMIT, "setting 'photons' is at most %u on this device, not %.0f",
+                         view->renderer->limits.max_photons, value);
+    return settings_set(&view->settings, id, value, error);
+}
+
+bool view_set_time(struct view *view, double time, struct error *error)
+{
+    if (!isfinite(time))
+        return error_set(error, STATUS_INVALID, "time must be finite");
+    view->time = time;
+    return true;
+}
+
+const struct settings *view_settings(const struct view *view)
+{
+    return &view->settings;
+}
+
+/* ---- a frame ------------------------------------------------------------------------------------------- */
+
+static vec4 vec4_of(const float v[3], float w)
+{
+    return (vec4){v[0], v[1], v[2], w};
+}
+
+static float radical_inverse(uint32_t base, uint32_t index)
+{
+    float value = 0, digit = 1.0f / (float)base;
+    for (; index > 0; index /= base, digit /= (float)base)
+        value += digit * (float)(index % base);
+    return value;
+}
+
+static void fill_camera(struct view *view, struct frame_gpu *data, uint32_t subframe)
+{
+    float forward[3], right[3], up[3];
+    const struct view_camera *camera = &view->camera;
+    camera_axes(camera, forward, right, up);
+    float tangent = tanf(camera->fov * 0.5f * 0.0174532925f);
+    float focal = 0.5f * (float)view->height / tangent; /* px per unit of tangent */
+    float shift[2] = {0, 0};
+    if (view->settings.accumulate > 1) {
+        shift[0] = radical_inverse(2, subframe + 1) - 0.5f;
+        shift[1] = radical_inverse(3, subframe + 1) - 0.5f;
+    }
+    /* a pixel's ray goes through its middle moved by `shift`: everything else shifts the other way */
+    float middle[2] = {0.5f * (float)view->width - shift[0], 0.5f * (float)view->height - shift[1]};
+    data->eye = vec4_of(camera->eye, (float)view->time);
+    data->forward = vec4_of(forward, 1 / (focal * focal));
+    data->right = vec4_of(right, 0);
+    data->up = vec4_of(up, 0);
+    data->center = (vec4){focal, -focal, middle[0], middle[1]};
+    float origin[3], x[3], y[3];
+    for (int k = 0; k < 3; k++) {
+        x[k] = right[k] / focal;
+        y[k] = -up[k] / focal;
+        origin[k] = forward[k] - middle[0] * x[k] - middle[1] * y[k];
+    }
+    data->ray_origin = vec4_of(origin, 0);
+    data->ray_x = vec4_of(x, 0);
+    data->ray_y = vec4_of(y, 0);
+
+    float *w = view->result.world_to_camera, *c = view->result.camera_to_clip;
+    for (int k = 0; k < 3; k++) {
+        w[4 * k] = right[k];
+        w[4 * k + 1] = up[k];
+        w[4 * k + 2] = -forward[k];
+        w[4 * k + 3] = 0;
+    }
+    float relative[3] = {0, 0, 0};
+    for (int k = 0; k < 3; k++) {
+        relative[0] -= right[k] * camera->eye[k];
+        relative[1] -= up[k] * camera->eye[k];
+        relative[2] += forward[k] * camera->eye[k];
+    }
+    memcpy(w + 12, relative, sizeof relative);
+    w[15] = 1;
+    const float near = 0.01f, far = 1e4f;
+    memset(c, 0, 16 * sizeof *c);
+    c[0] = (float)view->height / ((float)view->width * tangent);
+    c[5] = -1 / tangent;
+    c[10] = far / (near - far);
+    c[11] = -1;
+    c[14] = near * far / (near - far);
+}
+
+/* Every light gets a tile of this many cells a side, so that the least samples fit the budget. */
+static uint32_t cells_within_budget(const struct view *view)
+{
+    uint32_t cells = (uint32_t)view->settings.cells, lights = view->features.light_count;
+    uint64_t side = 1;
+    while ((side + 1) * (side + 1) <= (uint64_t)view->settings.min_samples)
+        side++;
+    while (cells > 1 && (uint64_t)cells * cells * lights * side * side > (uint64_t)view->settings.photons)
+        cells /= 2;
+    return cells;
+}
+
+static void fill_frame(struct view *view, uint32_t subframe, uint32_t subframe_count)
+{
+    struct frame_gpu *data = &view->data;
+    const struct settings *s = &view->settings;
+    view->last_data = *data;
+    fill_camera(view, data, subframe);
+    data->old_eye = view->last_data.eye;
+    data->old_forward = view->last_data.forward;
+    data->old_right = view->last_data.right;
+    data->old_up = view->last_data.up;
+    data->old_scale = view->last_data.center;
+    data->width = view->width;
+    data->height = view->height;
+    data->light_count = view->features.light_count;
+    data->cells = view->cells;
+    data->tile_levels = 0;
+    while ((1u << data->tile_levels) < view->cells)
+        data->tile_levels++;
+    data->tile_slots = view->tile_slots;
+    data->seed = (uint32_t)s->seed;
+    data->subframe = subframe;
+    data->photon_budget = (uint32_t)s->photons;
+    data->ray_capacity = (uint32_t)(view->asked[BUFFER_RAYS] / sizeof(struct photon_ray));
+    data->photon_capacity = (uint32_t)(view->asked[BUFFER_PHOTONS] / sizeof(struct photon));
+    data->max_bounces = (uint32_t)s->max_bounces;
+    data->camera_bounces = (uint32_t)s->camera_bounces;
+    bool jitters = s->jitter || s->accumulate > 1;
+    data->flags = (jitters ? FLAG_JITTER : 0) | (s->caster_mask ? FLAG_CASTER_MASK : 0) |
+                  (s->radiance_scaling ? FLAG_RADIANCE_SCALING : 0) |
+                  (view->has_previous ? FLAG_HAS_PREVIOUS : 0);
+    if (s->jitter)
+        data->seed ^= (uint32_t)view->frame * 0x9e3779b9u;
+    data->caster_box_count = view->renderer->caster_box_count;
+    data->min_samples = (uint32_t)s->min_samples;
+    data->target_area = s->target_area;
+    data->variance_gain = s->variance_gain;
+    data->temporal_weight = s->temporal_weight;
+    data->cull_energy = s->cull_energy;
+    data->cull_magnification = s->cull_solid_angle / 12.5663706f;
+    data->kappa = s->kappa;
+    data->max_anisotropy = s->max_anisotropy;
+    data->max_radius = s->max_radius;
+    data->filter_radius = s->filter_radius;
+    data->subframe_weight = 1.0f / (float)subframe_count;
+    data->tint = (vec4){1, 1, 1, 0};
+    for (uint32_t i = 0; i < view->features.light_count; i++) {
+        vec4 intensity = view->lights[i].intensity;
+        if (intensity.w > 0) {
+            float scale = 3 / intensity.w;
+            data->tint = (vec4){intensity.x * scale, intensity.y * scale, intensity.z * scale, 0};
+            break;
+        }
+    }
+}
+
+static bool prepare(struct view *view)
+{
+    memset(view->asked, 0, sizeof view->asked);
+    const struct plan *plan = &view->plan;
+    bool ok = view_buffer(view, BUFFER_FRAME, sizeof(struct frame_gpu)) &&
+              view_buffer(view, BUFFER_LIGHTS, (view->features.light_count + 1) * sizeof(struct light_gpu));
+    if (ok && plan->has_gbuffer)
+        ok = gbuffer_prepare(view);
+    if (ok && plan->has_photons)
+        ok = view_buffer(view, BUFFER_COUNTERS, sizeof(struct counters_gpu)) &&
+             view_buffer(view, BUFFER_READBACK_COUNTERS, sizeof(struct counters_gpu)) && density_prepare(view) &&
+             photons_prepare(view) && splat_prepare(view);
+    if (ok && plan->has_feedback)
+        ok = feedback_prepare(view);
+    if (ok && plan->has_output)
+        ok = compose_prepare(view);
+    size_t readback = view->asked[BUFFER_OUTPUT];
+    size_t cells = (size_t)view->tile_slots * view->cells * view->cells * sizeof(float);
+    if (plan->has_photons && (view->channel_mask & ((1u << CHANNEL_DENSITY) | (1u << CHANNEL_VARIANCE))))
+        readback += 2 * cells;
+    if (ok && readback > 0)
+        ok = view_buffer(view, BUFFER_READBACK, readback);
+    for (uint32_t i = 0; i < BUFFER_COUNT; i++)
+        if (view->asked[i] == 0)
+            gpu_buffer_destroy(&view->buffers[i]);
+    return ok;
+}
+
+static void record(struct view *view, struct gpu_frame *frame, bool is_last)
+{
+    const struct plan *plan = &view->plan;
+    gpu_record_upload(frame, view->buffers[BUFFER_FRAME], 0, &view->data, sizeof view->data);
+    if (view->features.light_count > 0)
+        gpu_record_upload(frame, view->buffers[BUFFER_LIGHTS], 0, view->lights,
+                          view->features.light_count * sizeof *view->lights);
+    if (plan->has_gbuffer)
+        gbuffer_record(view, frame);
+    if (plan->has_photons) {
+        gpu_record_fill(frame, view->buffers[BUFFER_COUNTERS], 0, sizeof(struct counters_gpu), 0);
+        density_record(view, frame);
+        photons_record(view, frame);
+        splat_record(view, frame);
+        if (plan->has_feedback)
+            feedback_record(view, frame);
+        gpu_record_copy(frame, view->buffers[BUFFER_READBACK_COUNTERS], 0, view->buffers[BUFFER_COUNTERS], 0,
+                        sizeof(struct counters_gpu));
+    }
+    if (plan->has_output)
+        compose_record(view, frame);
+    if (!is_last)
+        return;
+    size_t output = view->asked[BUFFER_OUTPUT];
+    if (output > 0)
+        gpu_record_copy(frame, view->buffers[BUFFER_READBACK], 0, view->buffers[BUFFER_OUTPUT], 0, output);
+    if (view->asked[BUFFER_READBACK] > output) {
+        size_t cells = (size_t)view->tile_slots * view->cells * view->cells * sizeof(float);
+        enum view_buffer density = view->subframe % 2 ? BUFFER_DENSITY_OTHER : BUFFER_DENSITY;
+        gpu_record_copy(frame, view->buffers[BUFFER_READBACK], output, view->buffers[density], 0, cells);
+        gpu_record_copy(frame, view->buffers[BUFFER_READBACK], output + cells, view->buffers[BUFFER_VARIANCE], 0,
+                        cells);
+    }
+}
+
+static double fixed_value(const struct counters_gpu *counters, int fate, double unit)
+{
+    return ((double)counters->flux_high[fate] * 4294967296.0 + (double)counters->flux_low[fate]) * unit;
+}
+
+static void add_counters(struct view *view, double weight)
+{
+    static const struct {
+        enum stat_id stat;
+        int count;
+    } counts[] = {
+        {STAT_photons_emitted, COUNT_EMITTED},
+        {STAT_rays_traced, COUNT_RAYS},
+        {STAT_rays_hit, COUNT_HITS},
+        {STAT_photons_split, COUNT_SPLIT},
+        {STAT_photons_stored, COUNT_STORED},
+        {STAT_photons_splatted, COUNT_SPLATTED},
+        {STAT_photons_contributing, COUNT_CONTRIBUTING},
+        {STAT_culled_visibility, COUNT_CULLED_VISIBILITY},
+        {STAT_culled_solid_angle, COUNT_CULLED_SOLID_ANGLE},
+        {STAT_culled_energy, COUNT_CULLED_ENERGY},
+        {STAT_kernel_evaluations, COUNT_KERNEL},
+        {STAT_kernel_pixels, COUNT_KERNEL_INSIDE},
+        {STAT_guard_density, COUNT_GUARD_DENSITY},
+        {STAT_guard_differential, COUNT_GUARD_DIFFERENTIAL},
+        {STAT_guard_footprint, COUNT_GUARD_FOOTPRINT},
+        {STAT_guard_traversal, COUNT_GUARD_TRAVERSAL},
+        {STAT_guard_overflow, COUNT_GUARD_OVERFLOW},
+        {STAT_guard_split, COUNT_GUARD_SPLIT},
+    };
+    static const enum stat_id fluxes[FATE_COUNT] = {
+        STAT_flux_emitted,  STAT_flux_splatted, STAT_flux_culled_visibility, STAT_flux_culled_solid_angle,
+        STAT_flux_culled_energy, STAT_flux_direct, STAT_flux_absorbed, STAT_flux_escaped,
+        STAT_flux_bounce_limit, STAT_flux_split_once, STAT_flux_buffer};
+    const struct counters_gpu *counters = gpu_buffer_map(view->buffers[BUFFER_READBACK_COUNTERS]);
+    double *stats = view->result.stats;
+    for (size_t i = 0; i < sizeof counts / sizeof *counts; i++)
+        stats[counts[i].stat] += counters->count[counts[i].count];
+    for (int i = 0; i < FATE_COUNT; i++)
+        stats[fluxes[i]] += fixed_value(counters, i, (double)view->data.flux_unit) * weight;
+    stats[STAT_cells_masked] = counters->count[COUNT_CELLS];
+    stats[STAT_density_total] = (double)counters->density_total;
+    stats[STAT_density_largest] = (double)counters->density_largest;
+}
+
+static void add_timings(struct view *view, struct gpu_frame *frame)
+{
+    uint32_t count;
+    uint64_t total;
+    const struct gpu_timing *timings = gpu_frame_timings(frame, &count, &total);
+    struct frame_result *result = &view->result;
+    for (uint32_t i = 0; i < count; i++) {
+        uint32_t p = 0;
+        while (p < result->pass_count && strcmp(result->passes[p].name, timings[i].name) != 0)
+            p++;
+        if (p == result->pass_count) {
+            if (p == VIEW_MAX_PASSES)
+                continue;
+            result->passes[result->pass_count++] = (struct frame_pass){timings[i].name, 0};
+        }
+        result->passes[p].elapsed_ns += timings[i].elapsed_ns;
+    }
+    result->stats[STAT_gpu_ns] += (double)total;
+}
+
+static bool grow(float **values, size_t *size, size_t count, struct error *error)
+{
+    if (*size >= count)
+        return true;
+    float *grown = realloc(*values, count * sizeof **values);
+    if (!grown)
+        return error_set(error, STATUS_MEMORY, "out of memory for a frame of %zu values", count);
+    *values = grown;
+    *size = count;
+    return true;
+}
+
+/* Tiles of the atlas side by side, cells in rows instead of along the Morton curve. */
+static void unroll_atlas(const struct view *view, const float *cells, float *image, uint32_t columns, uint32_t rows)
+{
+    uint32_t side = view->cells, width = columns * side;
+    memset(image, 0, (size_t)width * rows * side * sizeof *image);
+    for (uint32_t light = 0; light < view->features.light_count; light++)
+        for (uint32_t i = 0; i < side * side; i++) {
+            uint32_t x = 0, y = 0;
+            for (uint32_t bit = 0; bit < 16; bit++) {
+                x |= ((i >> (2 * bit)) & 1) << bit;
+                y |= ((i >> (2 * bit + 1)) & 1) << bit;
+            }
+            x += light % columns * side;
+            y += light / columns * side;
+            image[(size_t)y * width + x] = cells[(size_t)light * side * side + i];
+        }
+}
+
+static bool collect_channels(struct view *view, struct error *error)
+{
+    struct frame_result *result = &view->result;
+    size_t pixels = (size_t)view->width * view->height;
+    result->channel_count = 0;
+    const float *values = view->plan.has_output ? gpu_buffer_map(view->buffers[BUFFER_READBACK]) : NULL;
+    if (!values && (view->channel_mask & ((1u << CHANNEL_DENSITY) - 1))) {
+        size_t before = view->host_size;
+        if (!grow(&view->host_values, &view->host_size, pixels * 3 + pixels, error))
+            return false;
+        if (before != view->host_size || result->frame == 0) {
+            memset(view->host_values, 0, view->host_size * sizeof(float));
+            for (size_t i = 0; i < pixels; i++)
+                view->host_values[3 * pixels + i] = INFINITY;
+        }
+    }
+    uint32_t columns = 1;
+    while (columns * columns < view->features.light_count)
+        columns *= 2;
+    uint32_t rows = columns;
+    while (rows > 1 && (rows / 2) * columns >= view->features.light_count)
+        rows /= 2;
+    uint32_t side = view->plan.has_photons ? view->cells : 1;
+    size_t cells = (size_t)columns * rows * side * side;
+    if (view->channel_mask >> CHANNEL_DENSITY && !grow(&view->atlas_values, &view->atlas_size, 2 * cells, error))
+        return false;
+    for (uint32_t i = 0; i < CHANNEL_COUNT; i++) {
+        if (!(view->channel_mask & (1u << i)))
+            continue;
+        struct frame_channel *channel = &result->channels[result->channel_count++];
+        *channel = (struct frame_channel){(enum channel)i, view->width, view->height, channel_infos[i].components, NULL};
+        if (i < CHANNEL_DENSITY) {
+            channel->values = values ? values : view->host_values + (i == CHANNEL_DEPTH ? 3 * pixels : 0);
+            if (values)
+                values += pixels * channel->components;
+            continue;
+        }
+        float *image = view->atlas_values + (i == CHANNEL_VARIANCE ? cells : 0);
+        channel->width = columns * side;
+        channel->height = rows * side;
+        channel->values = image;
+        if (!view->plan.has_photons || (i == CHANNEL_VARIANCE && !view->plan.has_variance)) {
+            memset(image, 0, cells * sizeof *image);
+            continue;
+        }
+        const float *atlas = (const float *)((const char *)gpu_buffer_map(view->buffers[BUFFER_READBACK]) +
+                                             view->asked[BUFFER_OUTPUT]);
+        size_t stored = (size_t)view->tile_slots * view->cells * view->cells;
+        unroll_atlas(view, atlas + (i == CHANNEL_VARIANCE ? stored : 0), image, columns, rows);
+    }
+    return true;
+}
+
+/* Shape of the task buffers; a change of it, or of the rule, starts them anew. */
+static void shape_task_buffers(struct view *view)
+{
+    uint32_t cells = cells_within_budget(view), slots = 1;
+    while (slots < view->features.light_count)
+        slots *= 4;
+    if (cells == view->cells && slots == view->tile_slots && view->density_rule == (uint32_t)view->settings.density)
+        return;
+    view->cells = cells;
+    view->tile_slots = slots;
+    view->density_rule = (uint32_t)view->settings.density;
+    view->has_density = view->has_feedback = false;
+    for (uint32_t i = 0; i < view->features.light_count; i++)
+        view->tiles[i].is_valid = false;
+}
+
+const struct frame_result *view_render(struct view *view, uint32_t channel_mask, struct error *error)
+{
+    struct renderer *renderer = view->renderer;
+    struct frame_result *result = &view->result;
+    uint64_t begin = now_ns();
+    if (channel_mask >> CHANNEL_COUNT) {
+        error_set(error, STATUS_INVALID, "channel bits %#x do not exist", channel_mask);
+        return NULL;
+    }
+    memset(result->stats, 0, sizeof result->stats);
+    result->pass_count = 0;
+    result->frame = view->frame;
+    result->time = view->time;
+    view->failed = false;
+
+    /* plan */
+    view->channel_mask = channel_mask;
+    features_find(view, channel_mask, &view->features);
+    plan_make(view, &view->features, channel_mask, &view->plan);
+    if (view->plan.has_photons)
+        shape_task_buffers(view);
+    bool works = view->plan.has_gbuffer || view->plan.has_photons;
+    if (works && !prepare(view)) {
+        *error = view->error;
+        return NULL;
+    }
+    if (!view->plan.has_photons)
+        view->has_density = view->has_feedback = view->has_previous = false;
+    memcpy(result->plan, view->plan.lines, sizeof result->plan);
+    result->plan_count = view->plan.line_count;
+    result->black_reason = view->features.black_reason;
+    uint64_t planned = now_ns();
+
+    uint64_t uploading = 0;
+    uint32_t subframes = works ? (uint32_t)view->settings.accumulate : 1;
+    result->stats[STAT_subframes] = subframes;
+    if (!renderer_set_time(renderer, view->time, error))
+        return NULL;
+    if (view->follow_camera != SCENE_NONE)
+        camera_of_scene(renderer, view->follow_camera, &view->camera);
+    result->camera = view->camera;
+    if (!works)
+        fill_camera(view, &view->data, 0);
+    for (uint32_t subframe = 0; works && subframe < subframes; subframe++) {
+        uint64_t start = now_ns();
+        if (view->plan.has_photons || view->plan.has_gbuffer)
+            tiles_update(view);
+        fill_frame(view, subframe, subframes);
+        struct gpu_frame *frame = gpu_frame_begin(renderer->gpu, error);
+        if (!frame)
+            return NULL;
+        if (!renderer_upload_pose(renderer, frame, error))
+            return NULL;
+        record(view, frame, subframe + 1 == subframes);
+        uploading += now_ns() - start;
+        if (view->failed) {
+            *error = view->error;
+            return NULL;
+        }
+        if (!gpu_frame_submit(frame, error) || !gpu_frame_wait(frame, error))
+            return NULL;
+        if (view->plan.has_photons) {
+            add_counters(view, 1.0 / subframes);
+            view->has_density = true;
+            view->has_feedback = view->plan.has_feedback;
+            view->has_previous = view->plan.has_variance;
+            view->subframe++;
+        }
+        add_timings(view, frame);
+    }
+    uint64_t reading = now_ns();
+    if (!collect_channels(view, error))
+        return NULL;
+    view->frame++;
+    uint64_t end = now_ns();
+    result->stats[STAT_plan_ns] = (double)(planned - begin);
+    result->stats[STAT_upload_ns] = (double)uploading;
+    result->stats[STAT_readback_ns] = (double)(end - reading);
+    result->stats[STAT_frame_ns] = (double)(end - begin);
+    result->stats[STAT_device_bytes] = (double)gpu_memory_in_use(renderer->gpu);
+    return result;
+}

@@ -1,0 +1,211 @@
+/* view_state.h: what the renderer, the view and its passes share; private to core/render.
+ *
+ * A view keeps its buffers in one table by number. A pass asks for the buffers it needs with view_buffer, which
+ * makes or grows them; what no pass of the current plan asked for is freed. Passes record dispatches with
+ * view_dispatch, naming shader and buffers; pipelines are looked up by shader and constants and shared by all
+ * views of a renderer.
+ */
+#ifndef CAUSTIC_VIEW_STATE_H
+#define CAUSTIC_VIEW_STATE_H
+
+#include "renderer.h"
+#include "../scene/bvh.h"
+#include "../../shaders/shared/render_layout.h"
+
+/* ---- renderer ------------------------------------------------------------------------------------------ */
+
+#define RENDERER_MAX_PIPELINES 256u
+#define MAX_CASTER_BOXES       4096u
+
+struct renderer_pipeline {
+    char shader[48];
+    uint32_t constants[6];
+    struct gpu_pipeline *pipeline;
+};
+
+struct renderer {
+    struct gpu *gpu;
+    const struct scene *scene;
+    enum tracer tracer;
+    struct renderer_limits limits;
+
+    struct gpu_buffer *nodes, *triangles, *instances, *vertices, *indices, *materials, *texels;
+    uint32_t top_node_capacity; /* nodes reserved at the front of `nodes` */
+    struct gpu_accel **bottoms; /* per mesh, khr only */
+    struct gpu_accel *top;
+    struct bvh **trees;                /* per mesh; bvh: for bounds; khr: NULL trees are possible */
+    uint32_t *tree_node, *tree_triangle; /* where a mesh's tree starts in `nodes` and `triangles` */
+    float (*mesh_boxes)[6];            /* per mesh: frontier boxes of caster meshes, object space */
+    uint32_t *mesh_first_box, *mesh_box_count;
+
+    struct scene_pose *pose;
+    double pose_time;
+    bool has_pose;
+    uint64_t pose_version; /* grows when anything moved */
+    struct scene_instance_gpu *instance_data;
+    float scene_min[3], scene_max[3]; /* at the current pose */
+    struct caster_box *caster_boxes;
+    uint32_t caster_box_count;
+
+    struct renderer_pipeline pipelines[RENDERER_MAX_PIPELINES];
+    uint32_t pipeline_count;
+    uint64_t view_serial;
+};
+
+/* Brings instances, top level and caster boxes to `time`; uploads into `frame` what changed. */
+bool renderer_set_time(struct renderer *renderer, double time, struct error *error);
+bool renderer_upload_pose(struct renderer *renderer, struct gpu_frame *frame, struct error *error);
+
+/* ---- view ---------------------------------------------------------------------------------------------- */
+
+enum view_buffer {
+    BUFFER_FRAME,
+    BUFFER_LIGHTS,
+    BUFFER_COUNTERS,
+    BUFFER_BOXES,
+    BUFFER_MASK,
+    BUFFER_DENSITY, /* even and odd frames */
+    BUFFER_DENSITY_OTHER,
+    BUFFER_TREE,
+    BUFFER_PARTIALS,
+    BUFFER_FEEDBACK,
+    BUFFER_VARIANCE,
+    BUFFER_RAYS, /* even and odd bounces */
+    BUFFER_RAYS_OTHER,
+    BUFFER_QUEUE, /* even and odd bounces */
+    BUFFER_QUEUE_OTHER,
+    BUFFER_OUTCOMES,
+    BUFFER_GROUPS,
+    BUFFER_PHOTONS,
+    BUFFER_SURFACES,
+    BUFFER_TARGETS,
+    BUFFER_SUMS,
+    BUFFER_IRRADIANCE, /* even and odd frames */
+    BUFFER_IRRADIANCE_OTHER,
+    BUFFER_OUTPUT,
+    BUFFER_READBACK,
+    BUFFER_READBACK_COUNTERS,
+    BUFFER_COUNT
+};
+
+/* What scene, lights, settings and the asked channels amount to; computed anew every frame, cheap to compare. */
+struct features {
+    uint32_t bits; /* FEATURE_* */
+    uint32_t light_count, caster_count, receiver_count;
+    bool needs_caustics; /* some channel or statistic depends on photons */
+    const char *black_reason;
+};
+
+struct plan {
+    struct plan_line lines[VIEW_MAX_PLAN_LINES];
+    uint32_t line_count;
+    bool has_gbuffer, has_photons, has_feedback, has_variance, has_output;
+};
+
+struct light_tile {
+    uint32_t map;
+    float x[3], y[3], z[3]; /* frame */
+    float half[2];          /* TILE_RECT */
+    float height;           /* TILE_CAP: 1 - cos(half angle) */
+    float origin[3];
+    float measure;          /* sr or m^2 */
+    bool is_valid;
+};
+
+struct view {
+    struct renderer *renderer;
+    uint32_t width, height;
+    struct settings settings;
+    struct view_camera camera;
+    uint32_t follow_camera; /* SCENE_NONE: own camera */
+    double time;
+    struct view_light *light_changes; /* per light of the scene */
+
+    struct features features;
+    struct plan plan;
+    uint32_t channel_mask;
+
+    struct gpu_buffer *buffers[BUFFER_COUNT];
+    size_t asked[BUFFER_COUNT]; /* bytes this plan asked for; 0: not used */
+
+    /* temporal state */
+    uint64_t frame;            /* frames rendered */
+    uint32_t subframe;         /* rendered since the last reset: parity of the ping-pong buffers */
+    uint32_t cells, tile_slots; /* the task buffers' shape; 0: none yet */
+    bool has_density, has_feedback, has_previous;
+    uint32_t density_rule;
+    struct light_tile *tiles;  /* per light */
+    uint64_t tiles_pose;       /* pose_version they were fitted to */
+    uint32_t tiles_key;        /* hash of light state and settings they were fitted to */
+    bool mask_is_stale;
+    struct light_gpu *lights;
+    struct frame_gpu data;
+    struct frame_gpu last_data;
+    float flux_unit_total;
+
+    struct frame_result result;
+    float *host_values; /* zeros for frames without device work; NULL when the readback buffer serves */
+    size_t host_size;
+    float *atlas_values;
+    size_t atlas_size;
+    struct error error; /* first error while recording */
+    bool failed;
+};
+
+/* Asks for a device buffer of at least `size` bytes for the current plan. Contents are lost when it grows. */
+bool view_buffer(struct view *view, enum view_buffer id, size_t size);
+
+struct view_use {
+    uint32_t binding;
+    enum gpu_access access;
+    enum view_buffer buffer;
+};
+
+struct view_dispatch {
+    const char *shader; /* file name; ".bvh" or ".khr" is added when it traces */
+    bool traces;        /* binds the whole scene */
+    bool lights;        /* binds the lights */
+    uint32_t phase;     /* constant_id 8 */
+    const struct view_use *uses;
+    uint32_t use_count;
+    uint32_t push; /* one word of push constants */
+    bool has_push;
+    uint32_t groups[2];
+    enum view_buffer indirect; /* used when indirect_offset is not 0 */
+    size_t indirect_offset;
+};
+
+#define USES(...)                                                                                            \
+    .uses = (const struct view_use[]){__VA_ARGS__},                                                          \
+    .use_count = sizeof((const struct view_use[]){__VA_ARGS__}) / sizeof(struct view_use)
+
+void view_dispatch(struct view *view, struct gpu_frame *frame, const struct view_dispatch *dispatch);
+
+static inline uint32_t groups_of(uint32_t count)
+{
+    return (count + GROUP_SIZE - 1) / GROUP_SIZE;
+}
+
+/* ---- steps of a frame, in order ------------------------------------------------------------------------ */
+
+void features_find(const struct view *view, uint32_t channel_mask, struct features *features);
+void plan_make(const struct view *view, const struct features *features, uint32_t channel_mask, struct plan *plan);
+
+/* tiles.c: fits light tiles to casters; fills view->lights. */
+void tiles_update(struct view *view);
+
+/* A pass: `prepare` asks for buffers, `record` records. */
+bool gbuffer_prepare(struct view *view);
+void gbuffer_record(struct view *view, struct gpu_frame *frame);
+bool density_prepare(struct view *view);
+void density_record(struct view *view, struct gpu_frame *frame);
+bool photons_prepare(struct view *view);
+void photons_record(struct view *view, struct gpu_frame *frame);
+bool splat_prepare(struct view *view);
+void splat_record(struct view *view, struct gpu_frame *frame);
+bool feedback_prepare(struct view *view);
+void feedback_record(struct view *view, struct gpu_frame *frame);
+bool compose_prepare(struct view *view);
+void compose_record(struct view *view, struct gpu_frame *frame);
+
+#endif

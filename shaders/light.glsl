@@ -1,0 +1,184 @@
+// light.glsl: lights and the equal-area maps of their tiles.
+//
+// Reads   binding 7: lights
+// Source  design 4; Shirley and Chiu 1997 (concentric map); Clarberg 2008 (equal-area octahedron)
+layout(std430, binding = BINDING_LIGHTS) readonly buffer light_buffer { light_gpu lights[]; };
+
+// A point of the unit square to the unit disk, equal area, with its derivatives.
+void concentric_map(vec2 uv, out vec2 disk, out vec2 disk_u, out vec2 disk_v)
+{
+    vec2 o = 2.0 * uv - 1.0;
+    if (abs(o.x) < 1e-9 && abs(o.y) < 1e-9) {
+        disk = vec2(0.0);
+        disk_u = vec2(2.0, 0.0);
+        disk_v = vec2(0.0, PI / 2.0);
+        return;
+    }
+    bool swapped = abs(o.y) > abs(o.x);
+    float r = swapped ? o.y : o.x;
+    float ratio = swapped ? o.x / o.y : o.y / o.x;
+    float phi = swapped ? PI / 2.0 - (PI / 4.0) * ratio : (PI / 4.0) * ratio;
+    float c = cos(phi), s = sin(phi);
+    disk = r * vec2(c, s);
+    // with q = the other coordinate: d/dr at fixed q turns phi by -+(pi/4) q/r^2, so r dphi = -+(pi/4) ratio
+    vec2 along = swapped ? vec2(c, s) + (PI / 4.0) * ratio * vec2(-s, c) : vec2(c, s) - (PI / 4.0) * ratio * vec2(-s, c);
+    vec2 across = (swapped ? -PI / 4.0 : PI / 4.0) * vec2(-s, c);
+    disk_u = 2.0 * (swapped ? across : along);
+    disk_v = 2.0 * (swapped ? along : across);
+}
+
+vec2 concentric_inverse(vec2 disk)
+{
+    float r = length(disk);
+    if (r < 1e-12)
+        return vec2(0.5);
+    // Which of the four wedges, and the signed radius there.
+    vec2 o;
+    if (abs(disk.x) >= abs(disk.y)) {
+        float signed_r = disk.x >= 0.0 ? r : -r;
+        o = vec2(signed_r, signed_r * atan(disk.y / disk.x) * (4.0 / PI));
+    } else {
+        float signed_r = disk.y >= 0.0 ? r : -r;
+        o = vec2(signed_r * atan(disk.x / disk.y) * (4.0 / PI), signed_r);
+    }
+    return clamp(0.5 * o + 0.5, vec2(0.0), vec2(1.0));
+}
+
+// Unit square to a cap of height h = 1 - cos(half angle) about +z, equal area.
+void cap_map(vec2 uv, float h, out vec3 d, out vec3 d_u, out vec3 d_v)
+{
+    vec2 p, p_u, p_v;
+    concentric_map(uv, p, p_u, p_v);
+    float rho2 = dot(p, p);
+    float g = sqrt(max(h * (2.0 - h * rho2), 0.0)); // sin(theta) / rho
+    d = vec3(p * g, 1.0 - h * rho2);
+    float slope = -h * h / max(g, 1e-12); // dg/d(rho^2) = -h^2 / (2 g)
+    float change_u = dot(p, p_u), change_v = dot(p, p_v);
+    d_u = vec3(p_u * g + p * (slope * change_u), -2.0 * h * change_u);
+    d_v = vec3(p_v * g + p * (slope * change_v), -2.0 * h * change_v);
+}
+
+// Unit square to the sphere, equal area.
+vec3 sphere_map(vec2 uv)
+{
+    vec2 o = 2.0 * uv - 1.0;
+    vec2 a = abs(o);
+    float signed_distance = 1.0 - (a.x + a.y);
+    float distance = abs(signed_distance);
+    float r = 1.0 - distance;
+    float phi = (r == 0.0 ? 1.0 : (a.y - a.x) / r + 1.0) * (PI / 4.0);
+    float z = (signed_distance < 0.0 ? -1.0 : 1.0) * (1.0 - r * r);
+    float s = r * sqrt(max(2.0 - r * r, 0.0));
+    return vec3((o.x < 0.0 ? -1.0 : 1.0) * cos(phi) * s, (o.y < 0.0 ? -1.0 : 1.0) * sin(phi) * s, z);
+}
+
+vec2 sphere_inverse(vec3 d)
+{
+    vec3 a = abs(d);
+    float r = sqrt(max(1.0 - a.z, 0.0));
+    float phi = a.x == 0.0 && a.y == 0.0 ? 0.0 : atan(min(a.x, a.y), max(a.x, a.y)) * (2.0 / PI);
+    if (a.x < a.y)
+        phi = 1.0 - phi;
+    vec2 o = vec2(r - phi * r, phi * r);
+    if (d.z < 0.0)
+        o = 1.0 - o.yx;
+    return 0.5 * vec2(d.x < 0.0 ? -o.x : o.x, d.y < 0.0 ? -o.y : o.y) + 0.5;
+}
+
+// What leaves a light at a point of its tile: origin, unit direction, and their derivatives over the whole tile.
+struct emission {
+    vec3 origin, direction;
+    vec3 origin_u, origin_v, direction_u, direction_v;
+};
+
+vec3 tile_frame(vec3 x, vec3 y, vec3 z, vec3 local)
+{
+    return x * local.x + y * local.y + z * local.z;
+}
+
+// Direction only, for tiles of directions.
+vec3 tile_direction(uint map, vec4 x, vec4 y, vec4 z, vec2 uv)
+{
+    if (map == TILE_CAP) {
+        vec3 d, d_u, d_v;
+        cap_map(uv, z.w, d, d_u, d_v);
+        return normalize(tile_frame(x.xyz, y.xyz, z.xyz, d));
+    }
+    return normalize(tile_frame(x.xyz, y.xyz, z.xyz, sphere_map(uv)));
+}
+
+emission light_emit(light_gpu light, vec2 uv)
+{
+    emission e;
+    e.origin = light.position.xyz;
+    e.origin_u = e.origin_v = vec3(0.0);
+    e.direction_u = e.direction_v = vec3(0.0);
+    if (has(FEATURE_DIRECTIONAL) && light.map == TILE_RECT) {
+        vec2 o = 2.0 * uv - 1.0;
+        e.origin = light.tile_origin.xyz + light.tile_x.xyz * (light.tile_x.w * o.x) + light.tile_y.xyz * (light.tile_y.w * o.y);
+        e.origin_u = light.tile_x.xyz * (2.0 * light.tile_x.w);
+        e.origin_v = light.tile_y.xyz * (2.0 * light.tile_y.w);
+        e.direction = light.direction.xyz;
+    } else if (light.map == TILE_CAP) {
+        vec3 d, d_u, d_v;
+        cap_map(uv, light.tile_z.w, d, d_u, d_v);
+        e.direction = normalize(tile_frame(light.tile_x.xyz, light.tile_y.xyz, light.tile_z.xyz, d));
+        e.direction_u = tile_frame(light.tile_x.xyz, light.tile_y.xyz, light.tile_z.xyz, d_u);
+        e.direction_v = tile_frame(light.tile_x.xyz, light.tile_y.xyz, light.tile_z.xyz, d_v);
+    } else {
+        // The octahedron's map has creases: difference inward of the cell's own quadrant.
+        const float step = 1.0 / 4096.0;
+        vec2 inward = vec2(fract(uv.x * 2.0) < 0.5 ? step : -step, fract(uv.y * 2.0) < 0.5 ? step : -step);
+        vec3 d = sphere_map(uv);
+        vec3 d_u = (sphere_map(uv + vec2(inward.x, 0.0)) - d) / inward.x;
+        vec3 d_v = (sphere_map(uv + vec2(0.0, inward.y)) - d) / inward.y;
+        e.direction = normalize(tile_frame(light.tile_x.xyz, light.tile_y.xyz, light.tile_z.xyz, d));
+        e.direction_u = tile_frame(light.tile_x.xyz, light.tile_y.xyz, light.tile_z.xyz, d_u);
+        e.direction_v = tile_frame(light.tile_x.xyz, light.tile_y.xyz, light.tile_z.xyz, d_v);
+    }
+    return e;
+}
+
+// Share of the intensity that goes this way (unit, away from the light): 1, the spot's fall-off (glTF
+// KHR_lights_punctual), or the cosine of a patch.
+float light_falloff(light_gpu light, vec3 direction)
+{
+    if (!has(FEATURE_SPOT) || light.type == LIGHT_TYPE_POINT || light.type == LIGHT_TYPE_DIRECTIONAL)
+        return 1.0;
+    float cosine = dot(direction, light.direction.xyz);
+    if (light.type == LIGHT_TYPE_COSINE)
+        return max(cosine, 0.0);
+    float outer = light.position.w, inner = light.direction.w;
+    float t = clamp((cosine - outer) / max(inner - outer, 1e-3), 0.0, 1.0);
+    return t * t;
+}
+
+// Cells are numbered along a Morton curve, tile after tile.
+uint morton_encode(uvec2 p)
+{
+    p = (p | (p << 8)) & 0x00ff00ffu;
+    p = (p | (p << 4)) & 0x0f0f0f0fu;
+    p = (p | (p << 2)) & 0x33333333u;
+    p = (p | (p << 1)) & 0x55555555u;
+    return p.x | (p.y << 1);
+}
+
+uvec2 morton_decode(uint code)
+{
+    uvec2 p = uvec2(code, code >> 1) & 0x55555555u;
+    p = (p | (p >> 1)) & 0x33333333u;
+    p = (p | (p >> 2)) & 0x0f0f0f0fu;
+    p = (p | (p >> 4)) & 0x00ff00ffu;
+    p = (p | (p >> 8)) & 0x0000ffffu;
+    return p;
+}
+
+uint cell_light(uint cell)
+{
+    return cell >> (2u * frame.tile_levels);
+}
+
+uvec2 cell_place(uint cell)
+{
+    return morton_decode(cell & ((1u << (2u * frame.tile_levels)) - 1u));
+}

@@ -1,0 +1,257 @@
+#version 460
+#extension GL_GOOGLE_include_directive : require
+// photon_trace.comp: one bounce of every photon in flight: trace, interact, hand over to the next bounce.
+//
+// Reads   scene, queue, photon rays of this bounce
+// Writes  photon rays of the next bounce (slots by ray, one or two each), the deposit in the ray's own record,
+//         outcome per ray, sums per workgroup, flux by fate
+// Source  design 4, 5 (splitting), 6; aaps-thesis 3.1.2, 3.3.1, 3.3.2
+#include "frame.glsl"
+#include "trace.glsl"
+#include "scene.glsl"
+#include "optics.glsl"
+#include "photons.glsl"
+layout(local_size_x = GROUP_SIZE) in;
+layout(std430, binding = BINDING_PASS + 1) buffer ray_buffer { photon_ray rays[]; };
+layout(std430, binding = BINDING_PASS + 2) writeonly buffer child_buffer { photon_ray children[]; };
+layout(std430, binding = BINDING_PASS + 3) readonly buffer queue_buffer { uint queue[]; };
+layout(std430, binding = BINDING_PASS + 4) writeonly buffer outcome_buffer { uint outcomes[]; };
+layout(std430, binding = BINDING_PASS + 5) writeonly buffer group_buffer { uvec2 group_totals[]; };
+
+layout(push_constant) uniform push_block { uint parity; };
+
+const uint LAST_NONE = 0u, LAST_REFLECT = 1u, LAST_REFRACT = 2u;
+const uint SPLITS_MAX = 6u;
+const float SPLIT_SHARE_MIN = 1e-3; // of the emitted flux; tuned on glass of many interfaces, design 5
+
+// Fate of this thread's ray and what it did, for the ledger.
+uint fate = FATE_NONE;
+float fate_flux = 0.0;
+float absorbed = 0.0;
+uint guard = 0u;
+
+void finish(uint which, vec3 flux)
+{
+    fate = which;
+    fate_flux = channel_sum(flux);
+}
+
+// Continues the ray in child slot `slot`.
+void spawn(photon_ray ray, uint slot, vec3 origin, vec3 direction, differential x, vec3 flux, uint branch, uint last,
+           uint splits, uint medium, float flown)
+{
+    ray.origin.xyz = origin;
+    ray.direction = vec4(direction, flown);
+    ray.flux.xyz = flux;
+    ray_set_differential(ray, x);
+    ray.hash = hash_mix(ray.hash, branch + 1u);
+    ray.medium = medium;
+    ray.state = ((ray.state & 0xffu) + 1u) | (splits << 8) | (last << 12);
+    children[slot] = ray;
+}
+
+void reflect_differential(inout differential x, vec3 d, vec3 n, surface s)
+{
+    float side = dot(n, s.normal) < 0.0 ? -1.0 : 1.0;
+    x.d_u = differential_reflect_one(x.d_u, side * surface_normal_change(s, x.p_u), d, n);
+    x.d_v = differential_reflect_one(x.d_v, side * surface_normal_change(s, x.p_v), d, n);
+}
+
+void refract_differential(inout differential x, vec3 d, vec3 n, surface s, float eta, float cos_t)
+{
+    if (cos_t < REFRACT_COS_MIN)
+        guard++;
+    float side = dot(n, s.normal) < 0.0 ? -1.0 : 1.0;
+    x.d_u = differential_refract_one(x.d_u, side * surface_normal_change(s, x.p_u), d, n, eta, cos_t);
+    x.d_v = differential_refract_one(x.d_v, side * surface_normal_change(s, x.p_v), d, n, eta, cos_t);
+}
+
+void main()
+{
+    uint index = gl_GlobalInvocationID.x;
+    bool in_flight = index < counters.queue[4u * parity + QUEUE_COUNT];
+    uint outcome = 0u;
+    uint counts = 0u; // hits in the low half, splits in the high half
+    uint culled_energy = 0u;
+
+    if (in_flight) {
+        uint slot = queue[index];
+        photon_ray ray = rays[slot];
+        uint stride = counters.stride[parity];
+        uint bounces = ray.state & 0xffu;
+        uint splits = (ray.state >> 8) & 0xfu;
+        uint last = (ray.state >> 12) & 3u;
+        vec3 direction = ray.direction.xyz;
+        vec3 flux = ray.flux.xyz;
+        differential x = ray_differential(ray);
+
+        trace_hit hit = trace_closest(ray.origin.xyz, direction, 3.0e38);
+        if (hit.instance == TRACE_MISS) {
+            finish(FATE_ESCAPED, flux);
+        } else {
+            counts = 1u;
+            surface s = surface_fetch(hit.instance, hit.triangle, hit.barycentrics);
+            material_gpu material = scene_materials[s.material];
+            bool front = dot(direction, s.geometric) < 0.0;
+            vec3 geometric = front ? s.geometric : -s.geometric; // opposes the ray
+            vec3 normal = front ? s.normal : -s.normal;
+            if (dot(normal, direction) > -1e-4)
+                normal = geometric; // interpolation tipped it past grazing
+            float flown = ray.direction.w + hit.t;
+
+            if (has(FEATURE_ABSORPTION) && ray.medium != NONE) {
+                vec3 kept = flux * exp(-scene_materials[ray.medium].absorption.xyz * hit.t);
+                absorbed += channel_sum(flux - kept);
+                flux = kept;
+            }
+            differential_transfer(x, direction, hit.t, geometric, guard);
+
+            if (material.kind == KIND_DIFFUSE) {
+                if (bounces == 0u) {
+                    finish(FATE_DIRECT, flux);
+                } else {
+                    outcome = OUTCOME_PHOTON;
+                    ray.origin.xyz = s.position;
+                    ray.direction = vec4(geometric, flown);
+                    ray.flux.xyz = flux;
+                    if (has(FEATURE_TEXTURED_FLUX))
+                        ray.dd_u2_dd_v = vec4(surface_color(s), 0.0);
+                    ray.dp_u_v0 = vec4(x.p_u, x.p_v.x);
+                    ray.dp_v1_dd_u = vec4(x.p_v.yz, 0.0, 0.0);
+                    // the unbiased mode knows exactly whether the camera sees the point
+                    if (AA == AA_PIXEL) {
+                        vec3 start = offset_origin(s.position, geometric);
+                        vec3 to_eye = frame.eye.xyz - start;
+                        bool hidden = dot(to_eye, geometric) <= 0.0 || trace_any(start, to_eye, 1.0);
+                        ray.state = hidden ? 1u : 0u;
+                    }
+                    rays[slot] = ray;
+                }
+            } else if (bounces >= frame.max_bounces) {
+                finish(FATE_BOUNCE_LIMIT, flux);
+            } else if (channel_sum(flux) < frame.cull_energy * ray.flux.w) {
+                finish(FATE_CULLED_ENERGY, flux);
+                culled_energy = 1u;
+            } else if (has(FEATURE_MIRROR) && material.kind == KIND_MIRROR) {
+                float cos_i = -dot(direction, normal);
+                vec3 kept = flux * fresnel_metal(cos_i, surface_color(s));
+                absorbed += channel_sum(flux - kept);
+                vec3 turned = reflect(direction, normal);
+                differential y = x;
+                reflect_differential(y, direction, normal, s);
+                if (dot(turned, geometric) <= 0.0)
+                    turned = reflect(direction, geometric);
+                spawn(ray, stride * index, offset_origin(s.position, geometric), normalize(turned), y, kept, 0u,
+                      LAST_REFLECT, splits, ray.medium, flown);
+                outcome = OUTCOME_CHILD0;
+            } else if (has(FEATURE_DIELECTRIC | FEATURE_THIN)) {
+                bool thin = has(FEATURE_THIN) && material.kind == KIND_THIN;
+                float ior = material.color_ior.w;
+                float eta = front ? 1.0 / ior : ior;
+                float cos_i = -dot(direction, normal);
+                float cos_t;
+                float reflectance = fresnel_dielectric(cos_i, eta, cos_t);
+                vec3 transmitted = flux;
+                if (thin) {
+                    reflectance = fresnel_thin(cos_i, ior);
+                    transmitted = flux * surface_color(s);
+                    // the tint is paid by what goes through
+                    cos_t = cos_i;
+                }
+                vec3 reflected_flux = flux * reflectance;
+                vec3 refracted_flux = transmitted * (1.0 - reflectance);
+                float lost_tint = channel_sum(flux - transmitted) * (1.0 - reflectance);
+
+                // which branches to follow
+                bool take_reflect, take_refract;
+                float scale = 1.0; // of a branch chosen at random: its photons lie that much further apart
+                uint new_splits = splits;
+                uint rule = SPLIT;
+                float weaker = min(reflectance, 1.0 - reflectance) * channel_sum(flux);
+                bool may_split = stride == 2u && splits < SPLITS_MAX;
+                if (reflectance >= 1.0) {
+                    take_reflect = true;
+                    take_refract = false;
+                } else if (rule == SPLIT_ONCE_RULE) {
+                    bool is_first = splits == 0u;
+                    take_refract = is_first || last != LAST_REFLECT;
+                    take_reflect = is_first ? stride == 2u : last == LAST_REFLECT;
+                    // past the split the other branch is not followed: that light is lost, and said so
+                    if (!take_refract || !take_reflect)
+                        finish(FATE_SPLIT_ONCE, take_reflect ? refracted_flux : reflected_flux);
+                    if (!take_refract)
+                        absorbed += lost_tint;
+                    if (is_first && stride == 1u)
+                        new_splits++;
+                } else if (rule == SPLIT_ENERGY_RULE && may_split && weaker >= SPLIT_SHARE_MIN * ray.flux.w) {
+                    take_reflect = take_refract = true;
+                } else {
+                    take_reflect = hash_unit(hash_mix(ray.hash, 0x51u)) < reflectance;
+                    take_refract = !take_reflect;
+                    float p = take_reflect ? reflectance : 1.0 - reflectance;
+                    reflected_flux = flux;
+                    refracted_flux = transmitted;
+                    lost_tint = take_refract ? channel_sum(flux - transmitted) : 0.0;
+                    scale = inversesqrt(max(p, 1e-4));
+                }
+                if (take_refract)
+                    absorbed += lost_tint;
+                if (take_reflect && take_refract) {
+                    new_splits++;
+                    counts |= 1u << 16;
+                }
+                x.p_u *= scale;
+                x.p_v *= scale;
+                x.d_u *= scale;
+                x.d_v *= scale;
+
+                uint next = stride * index;
+                if (take_refract) {
+                    differential y = x;
+                    vec3 turned = direction;
+                    uint medium = ray.medium;
+                    if (!thin) {
+                        turned = normalize(eta * direction + (eta * cos_i - cos_t) * normal);
+                        refract_differential(y, direction, normal, s, eta, cos_t);
+                        if (dot(turned, geometric) >= 0.0)
+                            turned = normalize(turned - (dot(turned, geometric) + 1e-3) * geometric);
+                        medium = front ? s.material : NONE;
+                    }
+                    spawn(ray, next, offset_origin(s.position, -geometric), turned, y, refracted_flux, 0u,
+                          LAST_REFRACT, new_splits, medium, flown);
+                    outcome |= OUTCOME_CHILD0;
+                    next++;
+                }
+                if (take_reflect) {
+                    vec3 turned = reflect(direction, normal);
+                    differential y = x;
+                    reflect_differential(y, direction, normal, s);
+                    if (dot(turned, geometric) <= 0.0)
+                        turned = reflect(direction, geometric);
+                    spawn(ray, next, offset_origin(s.position, geometric), normalize(turned), y, reflected_flux, 1u,
+                          LAST_REFLECT, new_splits, ray.medium, flown);
+                    outcome |= (outcome & OUTCOME_CHILD0) != 0u ? OUTCOME_CHILD1 : OUTCOME_CHILD0;
+                }
+            }
+        }
+        outcomes[index] = outcome;
+    }
+
+    ledger_add(fate, fate_flux, absorbed);
+    // children and photons of the workgroup, then statistics: each fits 16 bits for 64 threads
+    uint totals = group_count((outcome & 1u) + ((outcome >> 1) & 1u) + ((outcome & OUTCOME_PHOTON) << 14));
+    uint events = group_count(counts);
+    uint guards = group_count(guard + (culled_energy << 16));
+    uint caps = group_count(trace_guard);
+    if (gl_LocalInvocationIndex == 0u) {
+        group_totals[gl_WorkGroupID.x] = uvec2(totals & 0xffffu, totals >> 16);
+        atomicAdd(counters.count[COUNT_HITS], events & 0xffffu);
+        atomicAdd(counters.count[COUNT_SPLIT], events >> 16);
+        if (guards != 0u) {
+            atomicAdd(counters.count[COUNT_GUARD_DIFFERENTIAL], guards & 0xffffu);
+            atomicAdd(counters.count[COUNT_CULLED_ENERGY], guards >> 16);
+        }
+        if (caps != 0u)
+            atomicAdd(counters.count[COUNT_GUARD_TRAVERSAL], caps);
+    }
+}

@@ -1,0 +1,62 @@
+// photons.glsl: what the photon passes share: counters, ray records, the flux ledger.
+// Source  design 3 (photons ordered by task and branch), 13
+layout(std430, binding = BINDING_PASS) buffer counter_buffer { counters_gpu counters; };
+
+differential ray_differential(photon_ray ray)
+{
+    differential x;
+    x.p_u = ray.dp_u_v0.xyz;
+    x.p_v = vec3(ray.dp_u_v0.w, ray.dp_v1_dd_u.xy);
+    x.d_u = vec3(ray.dp_v1_dd_u.zw, ray.dd_u2_dd_v.x);
+    x.d_v = ray.dd_u2_dd_v.yzw;
+    return x;
+}
+
+void ray_set_differential(inout photon_ray ray, differential x)
+{
+    ray.dp_u_v0 = vec4(x.p_u, x.p_v.x);
+    ray.dp_v1_dd_u = vec4(x.p_v.yz, x.d_u.xy);
+    ray.dd_u2_dd_v = vec4(x.d_u.z, x.d_v);
+}
+
+// The ledger of a workgroup: every thread hands in one fate with its flux and what was absorbed on the way; the
+// sums are taken in a fixed order and added to 64-bit counters.
+shared uint ledger_fate[GROUP_SIZE];
+shared float ledger_flux[GROUP_SIZE];
+shared float ledger_absorbed[GROUP_SIZE];
+
+void ledger_add(uint fate, float flux, float absorbed)
+{
+    uint i = gl_LocalInvocationIndex;
+    ledger_fate[i] = fate;
+    ledger_flux[i] = flux;
+    ledger_absorbed[i] = absorbed;
+    barrier();
+    if (i < FATE_COUNT) {
+        float sum = 0.0;
+        for (uint k = 0u; k < GROUP_SIZE; k++) {
+            sum += ledger_fate[k] == i ? ledger_flux[k] : 0.0;
+            sum += i == FATE_ABSORBED ? ledger_absorbed[k] : 0.0;
+        }
+        bool is_exact;
+        float units = sum / frame.flux_unit;
+        ADD_FIXED(counters.flux_low[i], counters.flux_high[i], units, is_exact);
+    }
+    barrier();
+}
+
+// Adds up small counts of a workgroup, several per word.
+shared uint group_counts[GROUP_SIZE];
+
+uint group_count(uint value)
+{
+    uint i = gl_LocalInvocationIndex;
+    barrier();
+    group_counts[i] = value;
+    barrier();
+    uint sum = 0u;
+    if (i == 0u)
+        for (uint k = 0u; k < GROUP_SIZE; k++)
+            sum += group_counts[k];
+    return sum; // thread 0 only
+}

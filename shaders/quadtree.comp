@@ -1,0 +1,51 @@
+#version 460
+#extension GL_GOOGLE_include_directive : require
+// quadtree.comp: one level of the quadtree over samples per cell. Level 0: n = floor(sqrt(D))^2 under the budget;
+// above it every node is the sum of its four children.
+//
+// Reads   density, counters.density_scale (level 0); the level below
+// Writes  density under the budget (level 0); tree: level l starts at 4 (N - N / 4^l) / 3 for N cells
+// Source  design 5; aaps-thesis 2.3.1, fig. 15
+#include "frame.glsl"
+#include "light.glsl"
+#include "density.glsl"
+layout(local_size_x = GROUP_SIZE) in;
+layout(std430, binding = BINDING_PASS + 2) buffer density_buffer { float density[]; };
+layout(std430, binding = BINDING_PASS + 3) buffer tree_buffer { uint tree[]; };
+layout(push_constant) uniform push_block { uint level; };
+
+void main()
+{
+    uint cells = cell_count();
+    uint count = cells >> (2u * level);
+    uint node = gl_GlobalInvocationID.x;
+    if (node >= count)
+        return;
+    uint here = 4u * ((cells - count) / 3u);
+    uint value = 0u;
+    if (level == 0u) {
+        float d = density[node];
+        if (d > 0.0) {
+            float least = float(frame.min_samples);
+            d = least + (d - least) * counters.density_scale;
+            density[node] = d; // what the next frame starts from is what was really used
+            uint k = max(uint(sqrt(d)), 1u);
+            value = k * k;
+        }
+    } else {
+        uint below = 4u * ((cells - 4u * count) / 3u) + 4u * node;
+        value = tree[below] + tree[below + 1u] + tree[below + 2u] + tree[below + 3u];
+    }
+    tree[here + node] = value;
+    if (count == 1u) {
+        counters.task_count = value;
+        counters.count[COUNT_EMITTED] = value;
+        counters.queue[0] = (value + GROUP_SIZE - 1u) / GROUP_SIZE;
+        counters.queue[1] = 1u;
+        counters.queue[2] = 1u;
+        counters.queue[QUEUE_COUNT] = value;
+        counters.photon_groups[1] = 1u;
+        counters.photon_groups[2] = 1u;
+        counters.stride[0] = 2u * value <= frame.ray_capacity && 2u * value <= frame.photon_capacity ? 2u : 1u;
+    }
+}

@@ -1,0 +1,109 @@
+#version 460
+#extension GL_GOOGLE_include_directive : require
+// splat.comp: one thread per photon draws its footprint: walks the ellipse's own span in every pixel row and adds
+// to 64-bit fixed-point sums, exact in any order.
+//
+// Reads   photons, targets
+// Writes  irradiance sums in units of frame.irradiance_unit: low and high word per channel
+// Source  design 6, 7; aaps-thesis 3.1.3, 5.1.5
+#include "frame.glsl"
+#include "optics.glsl"
+#include "photons.glsl"
+#include "targets.glsl"
+layout(local_size_x = GROUP_SIZE) in;
+layout(std430, binding = BINDING_PASS + 2) readonly buffer photon_buffer { photon photons[]; };
+layout(std430, binding = BINDING_PASS + 3) buffer sum_buffer { uint sums[]; };
+
+uint overflow = 0u;
+
+void add_pixel(uint pixel, vec3 value)
+{
+    bool is_exact;
+    if (has(FEATURE_CHROMATIC)) {
+        ADD_FIXED(sums[6u * pixel], sums[6u * pixel + 1u], value.x, is_exact);
+        overflow += is_exact ? 0u : 1u;
+        ADD_FIXED(sums[6u * pixel + 2u], sums[6u * pixel + 3u], value.y, is_exact);
+        overflow += is_exact ? 0u : 1u;
+        ADD_FIXED(sums[6u * pixel + 4u], sums[6u * pixel + 5u], value.z, is_exact);
+        overflow += is_exact ? 0u : 1u;
+    } else {
+        ADD_FIXED(sums[2u * pixel], sums[2u * pixel + 1u], value.x, is_exact);
+        overflow += is_exact ? 0u : 1u;
+    }
+}
+
+void main()
+{
+    uint index = gl_GlobalInvocationID.x;
+    uint evaluated = 0u, inside = 0u, reached = 0u;
+    photon p;
+    bool is_drawn = index < counters.photon_count;
+    if (is_drawn) {
+        p = photons[index];
+        is_drawn = p.cell != NONE;
+    }
+    if (is_drawn) {
+        vec3 normal = unpack_normal(floatBitsToUint(p.position.w));
+        vec3 value = p.density.xyz / frame.irradiance_unit;
+        if (!has(FEATURE_CHROMATIC))
+            value = vec3(channel_sum(value) / 3.0); // all photons have the tint of frame.tint
+        vec2 center = p.center.xy, w = p.center.zw;
+        ivec2 size = ivec2(int(frame.width), int(frame.height));
+        if (AA == AA_PIXEL) {
+            ivec2 at = ivec2(center);
+            if (all(greaterThanEqual(at, ivec2(0))) && all(lessThan(at, size))) {
+                add_pixel(uint(at.y * size.x + at.x), value);
+                evaluated = inside = reached = 1u;
+            }
+        } else {
+            float u00 = p.ellipse.x, u01 = p.ellipse.y, u11 = p.ellipse.z;
+            float a = u00 * u00 - w.x * w.x;
+            int y = max(int(ceil(center.y - p.ellipse.w - 0.5)), 0);
+            int y_end = min(int(floor(center.y + p.ellipse.w - 0.5)), size.y - 1);
+            int x = 1, x_end = 0;
+            float oy = 0.0, bent = 1.0;
+            // One loop over rows and pixels together: lanes with short rows don't wait for those with long ones.
+            for (;;) {
+                if (x > x_end) {
+                    if (y > y_end)
+                        break;
+                    // a x^2 + 2 b x + c <= 0 in this row
+                    oy = float(y) + 0.5 - center.y;
+                    bent = 1.0 + w.y * oy;
+                    float b = u00 * u01 * oy - w.x * bent;
+                    float c = (u01 * u01 + u11 * u11) * oy * oy - bent * bent;
+                    float d = b * b - a * c;
+                    float root = sqrt(max(d, 0.0));
+                    x = max(int(ceil(center.x + (-b - root) / a - 0.5)), 0);
+                    x_end = d < 0.0 ? x - 1 : min(int(floor(center.x + (-b + root) / a - 0.5)), size.x - 1);
+                    y++;
+                }
+                if (x <= x_end) {
+                    evaluated++;
+                    float ox = float(x) + 0.5 - center.x;
+                    float depth = bent + w.x * ox;
+                    float q0 = u00 * ox + u01 * oy, q1 = u11 * oy;
+                    float r2 = (q0 * q0 + q1 * q1) / (depth * depth);
+                    uint pixel = uint((y - 1) * size.x + x);
+                    if (r2 < 1.0) {
+                        inside++;
+                        if (target_accepts(targets[pixel], p.position.xyz, normal, p.density.w)) {
+                            reached = 1u;
+                            add_pixel(pixel, AA == AA_NONE ? value : value * (1.0 - r2));
+                        }
+                    }
+                    x++;
+                }
+            }
+        }
+    }
+    uint sum_evaluated = group_count(evaluated);
+    uint sum_inside = group_count(inside);
+    uint sum_reached = group_count(reached + (min(overflow, 1023u) << 16));
+    if (gl_LocalInvocationIndex == 0u) {
+        atomicAdd(counters.count[COUNT_KERNEL], sum_evaluated);
+        atomicAdd(counters.count[COUNT_KERNEL_INSIDE], sum_inside);
+        atomicAdd(counters.count[COUNT_CONTRIBUTING], sum_reached & 0xffffu);
+        atomicAdd(counters.count[COUNT_GUARD_OVERFLOW], sum_reached >> 16);
+    }
+}
