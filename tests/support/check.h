@@ -25,6 +25,17 @@ static inline void check_close(double value, double expected, double tolerance, 
     _fail(file, line);
 }
 
+/* value <= bound; NaN fails. */
+#define assert_in_bound(value, bound) check_in_bound((value), (bound), #value, __FILE__, __LINE__)
+
+static inline void check_in_bound(double value, double bound, const char *text, const char *file, int line)
+{
+    if (value <= bound)
+        return;
+    print_error("%s is %.6g, above %.6g\n", text, value, bound);
+    _fail(file, line);
+}
+
 /* Ends the program as skipped; the reason is a clause that ./caustics test repeats. */
 static inline _Noreturn void skip_program(const char *reason)
 {

@@ -56,7 +56,8 @@ static void transform_box(const float m[12], const float min[3], const float max
     }
 }
 
-static bool upload_bvh(struct trace_device *device, const struct scene *scene, const struct scene_pose *pose, struct error *error)
+static bool upload_bvh(struct trace_device *device, const struct scene *scene, const struct scene_pose *pose,
+                       struct error *error)
 {
     bool is_done = false;
     struct bvh **meshes = calloc(scene->mesh_count + 1, sizeof *meshes);
@@ -105,7 +106,8 @@ static bool upload_bvh(struct trace_device *device, const struct scene *scene, c
         memcpy(nodes + roots[m], meshes[m]->nodes, meshes[m]->node_count * sizeof *nodes);
         memcpy(triangles + firsts[m], meshes[m]->triangles, meshes[m]->item_count * sizeof *triangles);
     }
-    device->nodes = gpu_buffer_create_filled(device->gpu, "nodes", nodes, node_count * sizeof *nodes, false, error);
+    device->nodes =
+        gpu_buffer_create_filled(device->gpu, "nodes", nodes, node_count * sizeof *nodes, false, error);
     device->triangles = gpu_buffer_create_filled(device->gpu, "triangles", triangles,
                                                  triangle_count * sizeof *triangles, false, error);
     device->instances = gpu_buffer_create_filled(device->gpu, "instances", instances,
@@ -126,28 +128,30 @@ done:
     return is_done;
 }
 
-static bool upload_khr(struct trace_device *device, const struct scene *scene, const struct scene_pose *pose, struct error *error)
+static bool upload_khr(struct trace_device *device, const struct scene *scene, const struct scene_pose *pose,
+                       struct error *error)
 {
     device->vertices = gpu_buffer_create_filled(device->gpu, "vertices", scene->vertices,
                                                 scene->vertex_count * sizeof *scene->vertices, true, error);
     device->indices = gpu_buffer_create_filled(device->gpu, "indices", scene->indices,
                                                scene->index_count * sizeof *scene->indices, true, error);
     device->bottoms = calloc(scene->mesh_count + 1, sizeof(struct gpu_accel *));
-    device->top = gpu_accel_create_top(device->gpu, "top", scene->instance_count ? scene->instance_count : 1, error);
+    device->top =
+        gpu_accel_create_top(device->gpu, "top", scene->instance_count ? scene->instance_count : 1, error);
     if (!device->bottoms || !device->vertices || !device->indices || !device->top)
         return false;
     for (uint32_t m = 0; m < scene->mesh_count; m++, device->bottom_count++) {
         const struct scene_mesh *mesh = &scene->meshes[m];
-        device->bottoms[m] = gpu_accel_create_bottom(
-            device->gpu, mesh->name,
-            &(struct gpu_triangles){.vertices = device->vertices,
-                                    .vertex_stride = sizeof *scene->vertices,
-                                    .first_vertex = mesh->first_vertex,
-                                    .vertex_count = mesh->vertex_count,
-                                    .indices = device->indices,
-                                    .first_index = mesh->first_index,
-                                    .triangle_count = mesh->triangle_count},
-            error);
+        device->bottoms[m] =
+            gpu_accel_create_bottom(device->gpu, mesh->name,
+                                    &(struct gpu_triangles){.vertices = device->vertices,
+                                                            .vertex_stride = sizeof *scene->vertices,
+                                                            .first_vertex = mesh->first_vertex,
+                                                            .vertex_count = mesh->vertex_count,
+                                                            .indices = device->indices,
+                                                            .first_index = mesh->first_index,
+                                                            .triangle_count = mesh->triangle_count},
+                                    error);
         if (!device->bottoms[m])
             return false;
     }
@@ -167,8 +171,9 @@ static bool upload_khr(struct trace_device *device, const struct scene *scene, c
     return is_done;
 }
 
-struct trace_device *trace_device_create(struct gpu *gpu, const struct scene *scene, const struct scene_pose *pose,
-                                         bool with_ray_query, struct error *error)
+struct trace_device *trace_device_create(struct gpu *gpu, const struct scene *scene,
+                                         const struct scene_pose *pose, bool with_ray_query,
+                                         struct error *error)
 {
     struct trace_device *device = calloc(1, sizeof *device);
     if (!device) {
@@ -181,7 +186,8 @@ struct trace_device *trace_device_create(struct gpu *gpu, const struct scene *sc
     for (uint32_t any = 0; any < 2; any++) {
         uint32_t rays_and_hits = 3u << BINDING_PASS;
         size_t bytes;
-        const uint32_t *spirv = shader_find(with_ray_query ? "trace_rays.comp.khr" : "trace_rays.comp.bvh", &bytes);
+        const uint32_t *spirv =
+            shader_find(with_ray_query ? "trace_rays.comp.khr" : "trace_rays.comp.bvh", &bytes);
         device->pipelines[any] = gpu_pipeline_create(
             gpu,
             &(struct gpu_pipeline_params){
@@ -227,7 +233,8 @@ void trace_device_destroy(struct trace_device **device)
 static struct gpu_buffer *list_buffer(struct gpu *gpu, const char *name, size_t size, enum gpu_memory memory,
                                       struct error *error)
 {
-    return gpu_buffer_create(gpu, &(struct gpu_buffer_params){.name = name, .size = size, .memory = memory}, error);
+    return gpu_buffer_create(gpu, &(struct gpu_buffer_params){.name = name, .size = size, .memory = memory},
+                             error);
 }
 
 static bool ensure_capacity(struct trace_device *device, uint32_t count, struct error *error)
@@ -292,8 +299,9 @@ bool trace_device_run(struct trace_device *device, const struct trace_ray_gpu *r
     return true;
 }
 
-void trace_scene_reference(const struct scene *scene, const struct scene_pose *pose, struct bvh *const *meshes,
-                           const struct trace_ray_gpu *ray, struct trace_hit_gpu *hit)
+void trace_scene_reference(const struct scene *scene, const struct scene_pose *pose,
+                           struct bvh *const *meshes, const struct trace_ray_gpu *ray,
+                           struct trace_hit_gpu *hit)
 {
     const float o[3] = {ray->origin_t_max.x, ray->origin_t_max.y, ray->origin_t_max.z};
     const float d[3] = {ray->direction.x, ray->direction.y, ray->direction.z};

@@ -15,18 +15,20 @@
 struct trace_device;
 
 /* `with_ray_query`: the khr tracer, else bvh. `gpu` is borrowed; scene and pose are read now. */
-struct trace_device *trace_device_create(struct gpu *gpu, const struct scene *scene, const struct scene_pose *pose,
-                                         bool with_ray_query, struct error *error);
+struct trace_device *trace_device_create(struct gpu *gpu, const struct scene *scene,
+                                         const struct scene_pose *pose, bool with_ray_query,
+                                         struct error *error);
 void trace_device_destroy(struct trace_device **device);
 
-/* Traces `count` rays, at least one. `any`: only whether there is a hit (hits[i].hit.y is 0 or TRACE_DEVICE_MISS).
- * `elapsed_ns` (may be NULL) gets the dispatch's time on the device. */
+/* Traces `count` rays, at least one. `any`: only whether there is a hit (hits[i].hit.y is 0 or
+ * TRACE_DEVICE_MISS). `elapsed_ns` (may be NULL) gets the dispatch's time on the device. */
 bool trace_device_run(struct trace_device *device, const struct trace_ray_gpu *rays, uint32_t count, bool any,
                       struct trace_hit_gpu *hits, uint64_t *elapsed_ns, struct error *error);
 
 /* The plain C reference over the same scene: every instance in turn. `hit` as the shader gives it. */
-void trace_scene_reference(const struct scene *scene, const struct scene_pose *pose, struct bvh *const *meshes,
-                           const struct trace_ray_gpu *ray, struct trace_hit_gpu *hit);
+void trace_scene_reference(const struct scene *scene, const struct scene_pose *pose,
+                           struct bvh *const *meshes, const struct trace_ray_gpu *ray,
+                           struct trace_hit_gpu *hit);
 
 /* Inverse of a row-major 3x4 matrix. */
 void transform_invert(const float matrix[12], float inverse[12]);
