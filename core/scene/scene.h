@@ -150,7 +150,8 @@ struct scene *scene_import(const char *path, struct error *error);
 /* The same from memory, for tests and fuzzing: no external files at all. */
 struct scene *scene_import_memory(const void *bytes, size_t size, struct error *error);
 
-bool scene_export(const struct scene *scene, const char *path, struct error *error); /* .glb */
+/* As GLB. Importing that gives the same scene bit for bit, but for textures, which are left out. */
+bool scene_export(const struct scene *scene, const char *path, struct error *error);
 
 struct builtin_scene {
     const char *name, *summary;
