@@ -63,14 +63,15 @@ static char *cache_file_path(const struct gpu *gpu, const char *folder)
     VkPhysicalDeviceProperties2 properties = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_PROPERTIES_2,
                                               .pNext = &id};
     vkGetPhysicalDeviceProperties2(gpu->physical, &properties);
-    char device[VK_UUID_SIZE * 2 + 1], driver[VK_UUID_SIZE * 2 + 1];
-    for (uint32_t i = 0; i < VK_UUID_SIZE; i++) {
-        snprintf(device + i * 2, 3, "%02x", properties.properties.pipelineCacheUUID[i]);
-        snprintf(driver + i * 2, 3, "%02x", id.driverUUID[i]);
-    }
+    /* The driver's text too: lavapipe 22.3 gives every build the same UUID (docs/drivers.md). */
+    char driver[2 * VK_UUID_SIZE + sizeof gpu->info.driver] = {0};
+    memcpy(driver, properties.properties.pipelineCacheUUID, VK_UUID_SIZE);
+    memcpy(driver + VK_UUID_SIZE, id.driverUUID, VK_UUID_SIZE);
+    memcpy(driver + 2 * VK_UUID_SIZE, gpu->info.driver, sizeof gpu->info.driver);
     char path[4096];
-    length = snprintf(path, sizeof path, "%s/pipelines-%04x-%04x-%s-%s.bin", start,
-                      properties.properties.vendorID, properties.properties.deviceID, device, driver);
+    length = snprintf(path, sizeof path, "%s/pipelines-%04x-%04x-%016llx.bin", start,
+                      properties.properties.vendorID, properties.properties.deviceID,
+                      (unsigned long long)hash_bytes(driver, sizeof driver));
     return length > 0 && (size_t)length < sizeof path ? strdup(path) : NULL;
 }
 

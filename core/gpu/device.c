@@ -1,7 +1,10 @@
 /* device.c: finding a Vulkan device, opening and closing it. */
+#define _GNU_SOURCE /* dl_iterate_phdr */
 #include "gpu_internal.h"
 
 #include <ctype.h>
+#include <dlfcn.h>
+#include <link.h>
 #include <pthread.h>
 #include <stdarg.h>
 #include <stdio.h>
@@ -173,6 +176,29 @@ static bool open_loader(struct error *error)
     return true;
 }
 
+#ifdef __SANITIZE_ADDRESS__
+static int pin_module(struct dl_phdr_info *module, size_t size, void *data)
+{
+    (void)size;
+    (void)data;
+    if (module->dlpi_name && *module->dlpi_name) {
+        dlopen(module->dlpi_name, RTLD_LAZY | RTLD_NOLOAD | RTLD_NODELETE);
+    }
+    return 0;
+}
+
+/* Drivers and layers are unloaded with the instance; a leak report could then not name them, so that their
+ * leaks could not be told from ours. */
+static void pin_modules(void)
+{
+    dl_iterate_phdr(pin_module, NULL);
+}
+#else
+static void pin_modules(void)
+{
+}
+#endif
+
 /* `gpu` receives the messages of the validation layer, NULL: none are wanted. */
 static bool create_instance(bool validation, struct gpu *gpu, VkInstance *instance, bool *has_debug_utils,
                             struct error *error)
@@ -238,6 +264,7 @@ static bool create_instance(bool validation, struct gpu *gpu, VkInstance *instan
                          "there is no Vulkan device on this machine (%s): " MESA_HINT,
                          text ? text : "Vulkan failed");
     }
+    pin_modules();
     pthread_mutex_lock(&loader_lock);
     volkLoadInstanceOnly(*instance);
     pthread_mutex_unlock(&loader_lock);

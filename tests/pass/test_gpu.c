@@ -906,29 +906,34 @@ static void devices_open_and_close_without_growth(void **state)
 static void frames_do_not_grow(void **state)
 {
     (void)state;
-    struct gpu_buffer *buffer = new_buffer("list", 4096, GPU_MEMORY_DEVICE);
+    enum { PIECE = 400000 };
+    struct gpu_buffer *buffer = new_buffer("list", PIECE, GPU_MEMORY_DEVICE);
     struct gpu_pipeline *ramp = new_pipeline("gpu_ramp.comp", 1, 4);
     const struct gpu_bind binds[] = {{.binding = 0, .access = GPU_WRITE, .buffer = buffer}};
-    uint8_t bytes[4096] = {0};
+    uint8_t *bytes = calloc(1, PIECE);
+    assert_non_null(bytes);
     uint64_t in_use = 0;
     for (uint32_t number = 0; number < 2000; number++) {
         struct gpu_frame *frame = begin();
-        for (uint32_t i = 0; i < 80; i++) { /* more descriptor sets than one pool holds */
+        /* Now and then more descriptor sets than one pool holds, and more bytes than one staging block. */
+        const bool is_big = number % 16 < 2;
+        for (uint32_t i = 0; i < (is_big ? 80u : 2u); i++) {
             gpu_record_dispatch(
                 frame,
                 &(struct gpu_dispatch){
                     .pipeline = ramp, .binds = binds, .bind_count = 1, .push = &number, .groups = {16}});
         }
-        for (uint32_t i = 0; i < 300; i++) { /* more than one staging block holds */
-            gpu_record_upload(frame, buffer, 0, bytes, sizeof bytes);
+        for (uint32_t i = 0; i < 5; i++) {
+            gpu_record_upload(frame, buffer, 0, bytes, is_big ? PIECE : 400);
         }
         submit(frame);
-        if (number == 10) {
+        if (number == 20) {
             in_use = gpu_memory_in_use(gpu);
-        } else if (number > 10) {
+        } else if (number > 20) {
             assert_true(gpu_memory_in_use(gpu) == in_use);
         }
     }
+    free(bytes);
     gpu_pipeline_destroy(&ramp);
     gpu_buffer_destroy(&buffer);
 }
