@@ -113,6 +113,8 @@ static bool write_exr(const struct pictures *pictures, const struct client_frame
     protocol_text_copy(pictures->hello->device, device, sizeof device);
     snprintf(number, sizeof number, "%llu", (unsigned long long)info->frame);
     attributes[count++] = text_attribute("Software", version);
+    /* OpenImageIO would write the time of day; the same recording is to give the same bytes. */
+    attributes[count++] = text_attribute("DateTime", "1970:01:01 00:00:00");
     attributes[count++] = text_attribute("caustic.version", version);
     attributes[count++] = text_attribute("caustic.scene", scene);
     attributes[count++] = text_attribute("caustic.device", device);
