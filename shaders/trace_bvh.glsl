@@ -70,7 +70,7 @@ bool bvh_triangle_test(bvh_ray ray, vec3 p0, vec3 p1, vec3 p2, inout trace_hit h
     precise float w1 = x.x * y.z - y.x * x.z;
     precise float w2 = x.y * y.x - y.y * x.x;
     precise float determinant = w0 + w1 + w2;
-    bool inside = (min(w0, min(w1, w2)) >= 0.0 || max(w0, max(w1, w2)) <= 0.0) && determinant != 0.0;
+    bool inside = ((w0 >= 0.0 && w1 >= 0.0 && w2 >= 0.0) || (w0 <= 0.0 && w1 <= 0.0 && w2 <= 0.0)) && determinant != 0.0;
     float inverse = 1.0 / determinant;
     vec3 z = vec3(dot(ray.row_z, a), dot(ray.row_z, b), dot(ray.row_z, c));
     float t = (w0 * z.x + w1 * z.y + w2 * z.z) * inverse;
@@ -84,15 +84,19 @@ bool bvh_triangle_test(bvh_ray ray, vec3 p0, vec3 p1, vec3 p2, inout trace_hit h
 
 // ---- lane by lane ---------------------------------------------------------------------------------------
 
-// Where the ray enters and leaves the two children of a node: (left enter, left leave, right enter, right leave).
-vec4 bvh_enter_leave(bvh_ray ray, vec4 nx, vec4 ny, vec4 nz, float t_max)
+// Where the ray enters and leaves the two children of a node: (left enter, left leave, right enter, right leave), as the
+// bits of floats. Floats that are not negative are in the order of their bits, and a negative one is below all others
+// either way: what counts here is only the order of distances ahead of the origin. Drivers spend three instructions on a
+// minimum of floats, for the sake of NaN, and one on integers.
+ivec4 bvh_enter_leave(bvh_ray ray, vec4 nx, vec4 ny, vec4 nz, float t_max)
 {
-    vec4 x = (nx - ray.origin.x) * ray.inverse.x;
-    vec4 y = (ny - ray.origin.y) * ray.inverse.y;
-    vec4 z = (nz - ray.origin.z) * ray.inverse.z;
-    vec2 enter = max(max(min(x.xz, x.yw), min(y.xz, y.yw)), max(min(z.xz, z.yw), vec2(0.0)));
-    vec2 leave = min(min(max(x.xz, x.yw), max(y.xz, y.yw)), max(z.xz, z.yw)) * BVH_LEAVE_SLACK;
-    return vec4(enter.x, min(leave.x, t_max), enter.y, min(leave.y, t_max));
+    ivec4 x = floatBitsToInt((nx - ray.origin.x) * ray.inverse.x);
+    ivec4 y = floatBitsToInt((ny - ray.origin.y) * ray.inverse.y);
+    ivec4 z = floatBitsToInt((nz - ray.origin.z) * ray.inverse.z);
+    ivec2 enter = max(max(min(x.xz, x.yw), min(y.xz, y.yw)), max(min(z.xz, z.yw), ivec2(0)));
+    ivec2 leave = min(min(max(x.xz, x.yw), max(y.xz, y.yw)), max(z.xz, z.yw));
+    leave = min(floatBitsToInt(intBitsToFloat(leave) * BVH_LEAVE_SLACK), floatBitsToInt(t_max));
+    return ivec4(enter.x, leave.x, enter.y, leave.y);
 }
 
 // References still to visit: the top level's, then the bottom level's. Global: drivers copy arrays that are handed to
@@ -105,13 +109,13 @@ void bvh_lane_descend(bvh_ray ray, uint root, float t_max, inout uint reference,
 {
     while ((reference & BVH_LEAF) == 0u) {
         bvh_node node = bvh_nodes[root + reference];
-        vec4 span = bvh_enter_leave(ray, node.x, node.y, node.z, t_max);
+        ivec4 span = bvh_enter_leave(ray, node.x, node.y, node.z, t_max);
         bool left = span.x <= span.y;
         bool right = span.z <= span.w;
         bool right_first = right && (!left || span.z < span.x);
         uint near = right_first ? node.child.y : node.child.x;
         if (left && right) {
-            bvh_stack[stack_size] = right_first ? node.child.x : node.child.y;
+            bvh_stack[min(stack_size, uint(2 * BVH_MAX_DEPTH - 1))] = right_first ? node.child.x : node.child.y;
             stack_size++;
         } else if (!(left || right)) {
             near = BVH_DONE;
@@ -227,7 +231,7 @@ void bvh_packet_descend(bvh_ray ray, uint root, float t_max, inout uint referenc
         vec4 nz = vec4(packet_float(piece.x, 4u), packet_float(piece.y, 4u), packet_float(piece.x, 5u), packet_float(piece.y, 5u));
         uint left_child = subgroupShuffle(piece.x, 6u);
         uint right_child = subgroupShuffle(piece.y, 6u);
-        vec4 span = bvh_enter_leave(ray, nx, ny, nz, t_max);
+        ivec4 span = bvh_enter_leave(ray, nx, ny, nz, t_max);
         bool left = span.x <= span.y;
         bool right = span.z <= span.w;
         bool right_first = right && (!left || span.z < span.x);
