@@ -147,7 +147,7 @@ struct gpu_frame *gpu_frame_begin(struct gpu *gpu, struct error *error)
     struct gpu_frame *frame = &gpu->frames[gpu->frame_serial % FRAME_RING];
     VkResult result = VK_SUCCESS;
     if (frame->state == FRAME_SUBMITTED) {
-        result = gpu->vk.vkWaitForFences(gpu->device, 1, &frame->fence, VK_TRUE, UINT64_MAX);
+        result = fence_wait(gpu, frame->fence);
     }
     if (result == VK_SUCCESS) {
         frame->state = FRAME_IDLE;
@@ -270,7 +270,7 @@ bool gpu_frame_wait(struct gpu_frame *frame, struct error *error)
     if (frame->state != FRAME_SUBMITTED) {
         return error_set(error, STATUS_INVALID, "the frame was not submitted, so it cannot be waited for");
     }
-    const VkResult result = gpu->vk.vkWaitForFences(gpu->device, 1, &frame->fence, VK_TRUE, UINT64_MAX);
+    const VkResult result = fence_wait(gpu, frame->fence);
     if (result != VK_SUCCESS) {
         return gpu_fail(gpu, error, result, "a frame failed on", gpu->info.name);
     }
@@ -293,7 +293,7 @@ void frames_release(struct gpu *gpu, uint64_t serial, const char *name)
             continue;
         }
         if (frame->state == FRAME_SUBMITTED) {
-            gpu->vk.vkWaitForFences(gpu->device, 1, &frame->fence, VK_TRUE, UINT64_MAX);
+            fence_wait(gpu, frame->fence);
         } else if (frame->state == FRAME_RECORDING && frame->serial == serial) {
             frame_fail(frame, STATUS_INVALID,
                        "'%s' was destroyed while a frame that uses it was being recorded", name);
@@ -305,7 +305,7 @@ void frames_wait_all(struct gpu *gpu)
 {
     for (uint32_t i = 0; i < FRAME_RING; i++) {
         if (gpu->frames[i].state == FRAME_SUBMITTED) {
-            gpu->vk.vkWaitForFences(gpu->device, 1, &gpu->frames[i].fence, VK_TRUE, UINT64_MAX);
+            fence_wait(gpu, gpu->frames[i].fence);
         }
     }
 }
@@ -322,9 +322,11 @@ static void write_timestamp(struct gpu_frame *frame, uint32_t span, uint32_t end
     }
 }
 
+/* False after frame_fail. */
 static bool grow_query_pools(struct gpu_frame *frame)
 {
     struct gpu *gpu = frame->gpu;
+    struct error error;
     const VkQueryPoolCreateInfo info = {
         .sType = VK_STRUCTURE_TYPE_QUERY_POOL_CREATE_INFO,
         .queryType = VK_QUERY_TYPE_TIMESTAMP,
@@ -332,15 +334,38 @@ static bool grow_query_pools(struct gpu_frame *frame)
     };
     VkQueryPool *pools = realloc(frame->query_pools, (frame->query_pool_count + 1) * sizeof *pools);
     if (!pools) {
+        frame_fail(frame, STATUS_MEMORY, "out of host memory for pass timers");
         return false;
     }
     frame->query_pools = pools;
-    if (gpu->vk.vkCreateQueryPool(gpu->device, &info, NULL, &pools[frame->query_pool_count]) != VK_SUCCESS) {
+    const VkResult result =
+        gpu->vk.vkCreateQueryPool(gpu->device, &info, NULL, &pools[frame->query_pool_count]);
+    if (result != VK_SUCCESS) {
+        gpu_fail(gpu, &error, result, "cannot create pass timers on", gpu->info.name);
+        frame_fail_with(frame, &error);
         return false;
     }
     gpu->vk.vkCmdResetQueryPool(frame->commands, pools[frame->query_pool_count], 0, SPANS_PER_POOL * 2);
     frame->query_pool_count++;
     return true;
+}
+
+/* Room for one more span, and for its timer. False after frame_fail. */
+static bool grow_spans(struct gpu_frame *frame)
+{
+    const uint32_t span = frame->span_count;
+    if (span == frame->span_capacity) {
+        const uint32_t capacity = span + SPANS_PER_POOL;
+        struct span *spans = realloc(frame->spans, capacity * sizeof *spans);
+        if (!spans) {
+            frame_fail(frame, STATUS_MEMORY, "out of host memory for pass timers");
+            return false;
+        }
+        frame->spans = spans;
+        frame->span_capacity = capacity;
+    }
+    return !frame->gpu->timestamp_bits || span / SPANS_PER_POOL < frame->query_pool_count ||
+           grow_query_pools(frame);
 }
 
 void gpu_pass_begin(struct gpu_frame *frame, const char *name)
@@ -355,16 +380,7 @@ void gpu_pass_begin(struct gpu_frame *frame, const char *name)
                    frame->spans[span - 1].name);
         return;
     }
-    if (span == frame->span_capacity) {
-        const uint32_t capacity = span + SPANS_PER_POOL;
-        struct span *spans = realloc(frame->spans, capacity * sizeof *spans);
-        frame->spans = spans ? spans : frame->spans;
-        frame->span_capacity = spans ? capacity : frame->span_capacity;
-    }
-    if (span == frame->span_capacity ||
-        (gpu->timestamp_bits && span / SPANS_PER_POOL >= frame->query_pool_count &&
-         !grow_query_pools(frame))) {
-        frame_fail(frame, STATUS_MEMORY, "out of memory for the timer of pass '%s'", name);
+    if (!grow_spans(frame)) {
         return;
     }
     frame->spans[span] = (struct span){.name = name};
@@ -395,9 +411,11 @@ void gpu_pass_end(struct gpu_frame *frame)
 
 /* ---- binding ------------------------------------------------------------------------------------------ */
 
+/* False after frame_fail. */
 static bool add_descriptor_pool(struct gpu_frame *frame)
 {
     struct gpu *gpu = frame->gpu;
+    struct error error;
     const VkDescriptorPoolSize sizes[] = {
         {VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, SETS_PER_POOL * MAX_BINDINGS},
         {VK_DESCRIPTOR_TYPE_ACCELERATION_STRUCTURE_KHR, SETS_PER_POOL},
@@ -411,11 +429,15 @@ static bool add_descriptor_pool(struct gpu_frame *frame)
     VkDescriptorPool *pools =
         realloc(frame->descriptor_pools, (frame->descriptor_pool_count + 1) * sizeof *pools);
     if (!pools) {
+        frame_fail(frame, STATUS_MEMORY, "out of host memory for descriptors");
         return false;
     }
     frame->descriptor_pools = pools;
-    if (gpu->vk.vkCreateDescriptorPool(gpu->device, &info, NULL, &pools[frame->descriptor_pool_count]) !=
-        VK_SUCCESS) {
+    const VkResult result =
+        gpu->vk.vkCreateDescriptorPool(gpu->device, &info, NULL, &pools[frame->descriptor_pool_count]);
+    if (result != VK_SUCCESS) {
+        gpu_fail(gpu, &error, result, "cannot create descriptors on", gpu->info.name);
+        frame_fail_with(frame, &error);
         return false;
     }
     frame->descriptor_pool_count++;
@@ -427,7 +449,6 @@ static VkDescriptorSet allocate_set(struct gpu_frame *frame, const struct progra
     struct gpu *gpu = frame->gpu;
     for (;;) {
         if (frame->descriptor_pool_used == frame->descriptor_pool_count && !add_descriptor_pool(frame)) {
-            frame_fail(frame, STATUS_MEMORY, "out of memory for the descriptors of '%s'", program->name);
             return VK_NULL_HANDLE;
         }
         const VkDescriptorSetAllocateInfo info = {

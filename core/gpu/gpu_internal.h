@@ -185,6 +185,11 @@ void memory_free(struct gpu *gpu, VkDeviceMemory allocation, uint64_t allocated_
 VkCommandBuffer immediate_begin(struct gpu *gpu, struct error *error);
 bool immediate_end(struct gpu *gpu, struct error *error);
 
+/* Waits for a submission. Whatever the result, the device no longer works on it: who could not wait for the
+ * fence (out of memory, say) waits for everything, as its caller goes on to reuse or free what the commands
+ * used. */
+VkResult fence_wait(struct gpu *gpu, VkFence fence);
+
 /* ---- pipelines (pipeline.c, cache.c) ------------------------------------------------------------------ */
 
 /* What compute and raster pipelines have in common. */

@@ -253,9 +253,20 @@ bool immediate_end(struct gpu *gpu, struct error *error)
         result = gpu->vk.vkQueueSubmit2(gpu->queue, 1, &submit, gpu->immediate_fence);
     }
     if (result == VK_SUCCESS) {
-        result = gpu->vk.vkWaitForFences(gpu->device, 1, &gpu->immediate_fence, VK_TRUE, UINT64_MAX);
+        result = fence_wait(gpu, gpu->immediate_fence);
     }
     return result == VK_SUCCESS || gpu_fail(gpu, error, result, "commands failed on", gpu->info.name);
+}
+
+VkResult fence_wait(struct gpu *gpu, VkFence fence)
+{
+    const VkResult result = gpu->vk.vkWaitForFences(gpu->device, 1, &fence, VK_TRUE, UINT64_MAX);
+    if (result == VK_ERROR_DEVICE_LOST) {
+        gpu->is_lost = true;
+    } else if (result != VK_SUCCESS) {
+        gpu->vk.vkDeviceWaitIdle(gpu->device);
+    }
+    return result;
 }
 
 struct gpu_buffer *gpu_buffer_create_filled(struct gpu *gpu, const char *name, const void *data, size_t size,
