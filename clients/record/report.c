@@ -313,8 +313,10 @@ static double median(double *values, uint32_t count)
 
 static void print_statistic(const struct protocol_statistic *statistic, double value, FILE *stream)
 {
+    int length = statistic->name.length;
+    bool is_named_ns = length > 3 && memcmp(statistic->name.bytes + length - 3, "_ns", 3) == 0;
     if (protocol_text_equals(statistic->unit, "ns"))
-        fprintf(stream, "  %-26.*s %14.3f  ms\n", statistic->name.length, statistic->name.bytes,
+        fprintf(stream, "  %-26.*s %14.3f  ms\n", is_named_ns ? length - 3 : length, statistic->name.bytes,
                 value * 1e-6);
     else if (value == floor(value))
         fprintf(stream, "  %-26.*s %14.0f  %.*s\n", statistic->name.length, statistic->name.bytes, value,
