@@ -292,14 +292,24 @@ struct bvh *bvh_create_mesh(const struct scene *scene, uint32_t mesh_index, stru
     if (!bvh)
         return NULL;
 
+    float largest = 0;
     for (uint32_t i = 0; i < mesh->triangle_count; i++) {
         struct box box = box_empty();
         for (uint32_t k = 0; k < 3; k++) {
             const float *p = vertices[indices[3 * i + k]].position;
             box_add(&box, p, p);
         }
+        for (int a = 0; a < 3; a++)
+            largest = fmaxf(largest, fmaxf(fabsf(box.min[a]), fabsf(box.max[a])));
         primitives[i] = (struct primitive){{box.min[0], box.min[1], box.min[2]}, i, {box.max[0], box.max[1], box.max[2]}, 0};
     }
+    /* A ray along an axis, in the very plane of a box's side, would count as leaving where it stands. */
+    float slack = largest * 0x1p-23f;
+    for (uint32_t i = 0; i < mesh->triangle_count; i++)
+        for (int a = 0; a < 3; a++) {
+            primitives[i].min[a] -= slack;
+            primitives[i].max[a] += slack;
+        }
     if (!build(bvh, primitives, mesh->triangle_count, BVH_MAX_LEAF, error))
         goto fail;
 
