@@ -21,6 +21,7 @@
  * connection when bytes of the client are still unread, and the reset can overtake the last message. */
 #define LINGER_NS         1000000000ull
 #define ACCEPTS_PER_TURN  16
+#define FAILED_ACCEPT_NS  10000000
 #define SPARE_DESCRIPTORS 64u /* of the process, beside its connections */
 
 enum connection_state {
@@ -78,10 +79,10 @@ static void describe_peer(int fd, const struct sockaddr_storage *address, sockle
         snprintf(text, capacity, "a local client");
 }
 
-static void refuse(struct network *network, int fd)
+static void refuse(struct network *network, int fd, const char *reason)
 {
     uint8_t bytes[1024];
-    size_t size = network->params.callbacks.refusal(network->params.user, bytes, sizeof bytes);
+    size_t size = network->params.callbacks.refusal(network->params.user, reason, bytes, sizeof bytes);
     /* A fresh socket takes so few bytes at once. */
     if (size && send(fd, bytes, size, MSG_NOSIGNAL | MSG_DONTWAIT) < 0)
         log_line(LOG_LEVEL_DEBUG, "a refused client did not take the reason: %s", strerror(errno));
@@ -122,18 +123,25 @@ static void accept_clients(struct network *network, int listener)
             close(network->spare_descriptor);
             fd = accept4(listener, NULL, NULL, SOCK_NONBLOCK | SOCK_CLOEXEC);
             if (fd >= 0)
-                refuse(network, fd);
+                refuse(network, fd, "the server is out of file descriptors");
             network->spare_descriptor = open("/dev/null", O_RDONLY | O_CLOEXEC);
             log_line(LOG_LEVEL_WARNING, "refused a client: no file descriptors left (ulimit -n)");
             continue;
         }
         if (fd < 0) {
-            if (errno != EAGAIN && errno != EINTR && errno != ECONNABORTED)
+            if (errno != EAGAIN && errno != EINTR && errno != ECONNABORTED) {
                 log_line(LOG_LEVEL_WARNING, "accept: %s", strerror(errno));
+                /* The listener stays readable: do not spin on it. */
+                nanosleep(&(struct timespec){.tv_nsec = FAILED_ACCEPT_NS}, NULL);
+            }
             return;
         }
         if (network->connection_count >= network->params.max_connections) {
-            refuse(network, fd);
+            char reason[96];
+            snprintf(reason, sizeof reason,
+                     "the server already has the %u clients it allows; try again later",
+                     network->params.max_connections);
+            refuse(network, fd, reason);
             continue;
         }
         int yes = 1;

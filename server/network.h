@@ -20,10 +20,10 @@ struct network;
 struct connection;
 
 struct network_callbacks {
-    /* A connection was accepted. NULL refuses it: it is closed after the bytes that `refusal` gives are sent.
-     */
+    /* A connection was accepted. NULL: out of memory. */
     void *(*opened)(void *user, struct connection *connection, const char *peer);
-    size_t (*refusal)(void *user, uint8_t *bytes, size_t capacity);
+    /* Writes what a connection that cannot be accepted is sent before it is closed. */
+    size_t (*refusal)(void *user, const char *reason, uint8_t *bytes, size_t capacity);
     void (*received)(void *session, const uint8_t *bytes, size_t size);
     /* The next bytes to send, at most NETWORK_MAX_WRITE; they count as sent when this returns them and stay
      * valid until the next call. 0: nothing to send for now. */

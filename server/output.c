@@ -21,7 +21,7 @@ static void pop(struct output *output)
     output->first = item->next;
     if (!output->first)
         output->end = &output->first;
-    output->bytes -= item->bytes;
+    output->bytes -= sizeof *item + item->bytes;
     frame_release(&item->frame);
     free(item);
 }
@@ -42,7 +42,7 @@ static struct output_item *push(struct session *session, size_t bytes, size_t me
     *item = (struct output_item){.bytes = bytes};
     *session->output.end = item;
     session->output.end = &item->next;
-    session->output.bytes += bytes;
+    session->output.bytes += sizeof *item + bytes;
     connection_want_output(session->connection);
     return item;
 }

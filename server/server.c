@@ -40,16 +40,13 @@ static void *on_opened(void *user, struct connection *connection, const char *pe
     return session_create(user, connection, peer);
 }
 
-static size_t on_refusal(void *user, uint8_t *bytes, size_t capacity)
+static size_t on_refusal(void *user, const char *reason, uint8_t *bytes, size_t capacity)
 {
     struct server *server = user;
-    char text[128];
-    snprintf(text, sizeof text, "the server already has the %u clients it allows; try again later",
-             server->options->max_clients);
     struct protocol_message *message = &server->outgoing;
     message->header = (struct protocol_header){.type = PROTOCOL_NOTICE};
     message->notice = (struct protocol_notice){
-        .kind = PROTOCOL_NOTICE_CLOSING, .status = STATUS_LIMIT, .text = protocol_text_of(text)};
+        .kind = PROTOCOL_NOTICE_CLOSING, .status = STATUS_LIMIT, .text = protocol_text_of(reason)};
     struct error error;
     return protocol_encode(message, bytes, capacity, &error);
 }

@@ -105,7 +105,7 @@ struct output_item {
 
 struct output {
     struct output_item *first, **end;
-    size_t bytes;             /* waiting, frames counted in full until their last part is taken */
+    size_t bytes;             /* waiting, with their items; frames in full until their last part is taken */
     bool has_described;       /* the first item is a frame whose FRAME was taken */
     uint32_t channel, offset; /* of its next part */
     uint32_t sequence;        /* of the next message */

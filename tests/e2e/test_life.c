@@ -9,6 +9,7 @@
 
 #include <signal.h>
 #include <string.h>
+#include <sys/resource.h>
 #include <sys/socket.h>
 #include <sys/stat.h>
 #include <sys/un.h>
@@ -204,6 +205,40 @@ static void a_second_signal_ends_at_once(void **state)
     server_clean(&server);
 }
 
+static void without_descriptors_newcomers_are_told(void **state)
+{
+    (void)state;
+    struct server_process server;
+    server_start(&server, &(struct server_params){0});
+    struct wire *witness = wire_open(server.unix_address);
+    struct rlimit before, none;
+    assert_int_equal(prlimit(server.pid, RLIMIT_NOFILE, NULL, &before), 0);
+    /* The lowest number that is free is the one the next descriptor would get. */
+    none = before;
+    char path[64];
+    struct stat link;
+    for (none.rlim_cur = 0;; none.rlim_cur++) {
+        snprintf(path, sizeof path, "/proc/%d/fd/%d", (int)server.pid, (int)none.rlim_cur);
+        if (lstat(path, &link) != 0)
+            break;
+    }
+    assert_int_equal(prlimit(server.pid, RLIMIT_NOFILE, &none, NULL), 0);
+    for (int i = 0; i < 5; i++) {
+        struct wire *newcomer = wire_connect(server.tcp_address);
+        assert_non_null(
+            strstr(wire_expect_notice(newcomer, PROTOCOL_NOTICE_CLOSING, STATUS_LIMIT), "descriptors"));
+        wire_expect_end(newcomer, 5);
+        wire_close(&newcomer);
+    }
+    wire_expect_ok(witness, wire_ping(witness));
+    assert_int_equal(prlimit(server.pid, RLIMIT_NOFILE, &before, NULL), 0);
+    struct wire *newcomer = wire_open(server.tcp_address);
+    wire_expect_ok(newcomer, wire_ping(newcomer));
+    wire_close(&newcomer);
+    wire_close(&witness);
+    server_stop(&server);
+}
+
 static void five_hundred_connections_leave_nothing(void **state)
 {
     (void)state;
@@ -246,6 +281,7 @@ int main(void)
         cmocka_unit_test(sigterm_finishes_the_frame_in_flight),
         cmocka_unit_test(draining_stops_accepting_and_waits_for_nobody_longer_than_stated),
         cmocka_unit_test(a_second_signal_ends_at_once),
+        cmocka_unit_test(without_descriptors_newcomers_are_told),
         cmocka_unit_test(five_hundred_connections_leave_nothing),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
