@@ -261,9 +261,8 @@ bool immediate_end(struct gpu *gpu, struct error *error)
 VkResult fence_wait(struct gpu *gpu, VkFence fence)
 {
     const VkResult result = gpu->vk.vkWaitForFences(gpu->device, 1, &fence, VK_TRUE, UINT64_MAX);
-    if (result == VK_ERROR_DEVICE_LOST) {
-        gpu->is_lost = true;
-    } else if (result != VK_SUCCESS) {
+    gpu->is_lost |= result == VK_ERROR_DEVICE_LOST;
+    if (result != VK_SUCCESS) {
         gpu->vk.vkDeviceWaitIdle(gpu->device);
     }
     return result;
