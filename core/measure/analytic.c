@@ -55,44 +55,80 @@ double analytic_interface_irradiance(const struct analytic_interface *scene, dou
 
 /* ---- polished ring ------------------------------------------------------------------------------------- */
 
+/* One meeting of the light with the wall, in plan. */
+struct wall_hit {
+    double position[2], reflected[2]; /* reflected: unit */
+    double travelled;                 /* from the light; directional: not used */
+    double cosine;                    /* of incidence, > 0 */
+};
+
+static bool wall_hit_at(const struct analytic_ring *ring, double angle, struct wall_hit *hit)
+{
+    double normal[2] = {-cos(angle), -sin(angle)}; /* into the ring */
+    double way[2] = {ring->light[0], ring->light[1]};
+    for (int i = 0; i < 2; i++) {
+        hit->position[i] = -ring->radius * normal[i];
+        if (!ring->is_directional)
+            way[i] = hit->position[i] - ring->light[i];
+    }
+    hit->travelled = hypot(way[0], way[1]);
+    if (hit->travelled == 0)
+        return false;
+    hit->cosine = -(way[0] * normal[0] + way[1] * normal[1]) / hit->travelled;
+    for (int i = 0; i < 2; i++)
+        hit->reflected[i] = way[i] / hit->travelled + 2 * hit->cosine * normal[i];
+    return hit->cosine > 0;
+}
+
+/* Whether light that met the wall reaches the floor `distance` further along: it falls evenly from the light
+ * to there. */
+static bool is_lit(const struct analytic_ring *ring, const struct wall_hit *hit, double distance)
+{
+    double fall =
+        ring->is_directional ? ring->light_height : ring->light_height / (hit->travelled + distance);
+    double height_at_wall = fall * distance;
+    double chord = 2 * ring->radius * hit->cosine;
+    bool is_outside = ring->is_directional || hypot(ring->light[0], ring->light[1]) > ring->radius;
+    bool clears_near_wall = !is_outside || height_at_wall + fall * chord >= ring->wall_height;
+    return distance > 0 && distance <= chord && height_at_wall <= ring->wall_height && clears_near_wall;
+}
+
 bool analytic_ring_caustic(const struct analytic_ring *ring, double angle, struct analytic_ring_point *point)
 {
-    double radius = ring->radius;
-    double normal[2] = {-cos(angle), -sin(angle)}; /* into the ring */
-    double wall[2] = {-radius * normal[0], -radius * normal[1]};
-
-    double way[2] = {ring->light[0], ring->light[1]}; /* of the light toward the wall */
-    if (!ring->is_directional) {
-        way[0] = wall[0] - ring->light[0];
-        way[1] = wall[1] - ring->light[1];
-    }
-    double travelled = hypot(way[0], way[1]);
-    if (travelled == 0)
+    struct wall_hit hit;
+    if (!wall_hit_at(ring, angle, &hit))
         return false;
-    way[0] /= travelled;
-    way[1] /= travelled;
-    double cosine = -(way[0] * normal[0] + way[1] * normal[1]);
-    if (cosine <= 0)
-        return false;
-
     /* The mirror equation in the plane of incidence: 1/p + 1/q = 2/(R cos i). */
-    double vergence = 2 / (radius * cosine) - (ring->is_directional ? 0 : 1 / travelled);
+    double vergence = 2 / (ring->radius * hit.cosine) - (ring->is_directional ? 0 : 1 / hit.travelled);
     if (vergence == 0)
         return false;
-    double distance = 1 / vergence;
-    double reflected[2] = {way[0] + 2 * cosine * normal[0], way[1] + 2 * cosine * normal[1]};
-    point->position[0] = wall[0] + distance * reflected[0];
-    point->position[1] = wall[1] + distance * reflected[1];
-    point->distance = distance;
+    point->distance = 1 / vergence;
+    for (int i = 0; i < 2; i++)
+        point->position[i] = hit.position[i] + point->distance * hit.reflected[i];
+    point->is_lit = is_lit(ring, &hit, point->distance);
+    return true;
+}
 
-    /* A ray that reaches the floor at `distance` past the wall falls evenly from the light to there. */
-    double fall = ring->is_directional ? ring->light_height : ring->light_height / (travelled + distance);
-    double height_at_wall = fall * distance;
-    double chord = 2 * radius * cosine;
-    bool is_outside = ring->is_directional || hypot(ring->light[0], ring->light[1]) > radius;
-    bool clears_near_wall = !is_outside || height_at_wall + fall * chord >= ring->wall_height;
-    point->is_lit =
-        distance > 0 && distance <= chord && height_at_wall <= ring->wall_height && clears_near_wall;
+bool analytic_ring_trace(const struct analytic_ring *ring, double angle, double distance,
+                         struct analytic_ring_ray *ray)
+{
+    struct wall_hit hit;
+    if (!wall_hit_at(ring, angle, &hit))
+        return false;
+    for (int i = 0; i < 2; i++)
+        ray->position[i] = hit.position[i] + distance * hit.reflected[i];
+
+    /* Unfold the mirror: the flux is what would reach level ground beyond the wall. From a point at height H
+     * that is cos e de dphi with tan e = H / L; from far away, the sine of the elevation per area. */
+    double across = ring->radius * hit.cosine, height = ring->light_height;
+    if (ring->is_directional) {
+        ray->flux = across * height / sqrt(1 + height * height);
+    } else {
+        double length = hit.travelled + distance;
+        ray->flux = across / hit.travelled * height * length / pow(length * length + height * height, 1.5);
+    }
+    if (!is_lit(ring, &hit, distance))
+        ray->flux = 0;
     return true;
 }
 

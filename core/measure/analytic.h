@@ -57,6 +57,17 @@ struct analytic_ring_point {
  * meet the inside of the wall there or the reflected rays are parallel. */
 bool analytic_ring_caustic(const struct analytic_ring *ring, double angle, struct analytic_ring_point *point);
 
+/* Light that met the wall once at `angle` and meets the floor `distance` further along, in plan. */
+struct analytic_ring_ray {
+    double position[2];
+    double flux; /* W per radian of wall and metre of distance for a light of 1 W/sr (directional: 1 W/m^2
+                    across the light); 0 where is_lit would be false */
+};
+
+/* False when the light does not meet the inside of the wall there. */
+bool analytic_ring_trace(const struct analytic_ring *ring, double angle, double distance,
+                         struct analytic_ring_ray *ray);
+
 /* The cusp on the axis through the light and the centre, made by the wall beyond the centre. False when the
  * light is at the centre (all rays return to it) or at the middle of a radius (its reflected rays are
  * parallel). */

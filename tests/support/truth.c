@@ -76,7 +76,7 @@ static struct scene *make_scene(const struct truth_params *params, struct error 
 
 /* ---- rendering ----------------------------------------------------------------------------------------- */
 
-static void set_settings(struct truth *truth, const char *text)
+void truth_set(struct truth *truth, const char *text)
 {
     struct error error;
     char copy[512], *rest = copy, *word;
@@ -112,7 +112,7 @@ void truth_open(struct truth *truth, const struct truth_params *params)
         truth->view = view_create(truth->renderer, params->width, params->height_px, &error);
     if (!truth->view || !view_set_camera(truth->view, &truth->camera, &error))
         fail_msg("%s", error.message);
-    set_settings(truth, params->settings);
+    truth_set(truth, params->settings);
 }
 
 void truth_close(struct truth *truth)

@@ -39,6 +39,8 @@ struct truth {
 /* These fail the test that calls them when something goes wrong. */
 void truth_open(struct truth *truth, const struct truth_params *params);
 void truth_close(struct truth *truth);
+/* Settings as in truth_params. */
+void truth_set(struct truth *truth, const char *settings);
 /* Renders `frames` frames; the last one's result. */
 const struct frame_result *truth_render(struct truth *truth, uint32_t frames, uint32_t channel_mask);
 const float *truth_channel(const struct frame_result *result, enum channel channel);

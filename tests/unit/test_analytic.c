@@ -180,6 +180,60 @@ static void lit_part(void **state)
     assert_close(hypot(point.position[0], point.position[1]), 0, 1e-12);
 }
 
+/* Light from a lamp on the axis of the ring: by symmetry, the flux per ring of floor from its solid angle.
+ * And for any lamp the flux that meets the wall once and then the floor is that of the directions that do so.
+ */
+static void ring_flux(void **state)
+{
+    (void)state;
+    struct analytic_ring ring = {.radius = 0.5, .wall_height = 0.25, .light = {0, 0}, .light_height = 1.7};
+    struct analytic_ring_ray ray;
+    double sum = 0, limit = 0.5 * 0.25 / (1.7 - 0.25); /* where light over the wall's edge lands */
+    int steps = 20000;
+    for (int i = 0; i < steps; i++) {
+        assert_true(analytic_ring_trace(&ring, 1, (i + 0.5) / steps, &ray));
+        assert_close(hypot(ray.position[0], ray.position[1]), fabs(0.5 - (i + 0.5) / steps), 1e-12);
+        sum += ray.flux / steps;
+    }
+    double near = sin(atan(1.7 / 0.5)), far = sin(atan(1.7 / (0.5 + limit)));
+    assert_close(sum, near - far, 1e-5);
+
+    /* A lamp beside the axis, outside, against directions shot at the ring one by one, traced in three
+     * dimensions. */
+    ring.light[0] = 1.4;
+    ring.light[1] = -0.6;
+    double total = 0, shot = 0;
+    for (int i = 0; i < 2000; i++)
+        for (int j = 0; j < 500; j++)
+            if (analytic_ring_trace(&ring, 2 * pi * (i + 0.5) / 2000, (j + 0.5) / 500, &ray))
+                total += ray.flux * 2 * pi / 2000 / 500;
+    double half = asin(0.5 / hypot(1.4, 0.6)), middle = atan2(0.6, -1.4);
+    for (int i = 0; i < 2000; i++) {
+        double azimuth = middle + half * (2 * (i + 0.5) / 2000 - 1);
+        double way[2] = {cos(azimuth), sin(azimuth)};
+        double along = -(1.4 * way[0] - 0.6 * way[1]);
+        double chord = sqrt(0.25 - (1.4 * 1.4 + 0.6 * 0.6 - along * along)); /* half of it */
+        for (int j = 0; j < 2000; j++) {
+            double sine = (j + 0.5) / 2000, fall = sine / sqrt(1 - sine * sine);
+            double near_side = 1.7 - fall * (along - chord), far_side = 1.7 - fall * (along + chord);
+            /* After the wall the floor lies far_side / fall away; the next wall a whole chord. */
+            if (near_side >= 0.25 && far_side > 0 && far_side <= 0.25 && far_side / fall <= 2 * chord)
+                shot += 2 * half / 2000 / 2000;
+        }
+    }
+    assert_true(shot > 0.01);
+    assert_close(total / shot, 1, 1e-3);
+
+    /* From far away: what passes over a level area the size of the ring, as far as it meets the wall. */
+    ring.is_directional = true;
+    ring.light_height = 0.5;
+    ring.wall_height = 0.2;
+    assert_true(analytic_ring_trace(&ring, atan2(-0.6, 1.4), 0.3, &ray));
+    assert_close(ray.flux, 0.5 * sin(atan(0.5)), 1e-12);
+    assert_true(analytic_ring_trace(&ring, atan2(-0.6, 1.4), 0.41, &ray));
+    assert_close(ray.flux, 0, 0);
+}
+
 /* ---- sphere -------------------------------------------------------------------------------------------- */
 
 static const struct analytic_sphere ball = {
@@ -390,6 +444,7 @@ int main(void)
         cmocka_unit_test(cardioid),
         cmocka_unit_test(envelope),
         cmocka_unit_test(lit_part),
+        cmocka_unit_test(ring_flux),
         cmocka_unit_test(sphere_rays),
         cmocka_unit_test(sphere_focus),
         cmocka_unit_test(sphere_rainbow),
