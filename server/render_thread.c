@@ -1,13 +1,15 @@
 #include "render_thread.h"
 
 #include "log.h"
+#include "network.h"
 
 #include <pthread.h>
 #include <stdlib.h>
 #include <string.h>
 
 /* Enough to take every default pass through its pipelines, too small to cost anything. */
-#define WARM_UP_SIZE 64u
+#define WARM_UP_SIZE    64u
+#define WARM_UP_PHOTONS 1024
 
 struct render_thread {
     struct render_thread_params params;
@@ -137,26 +139,45 @@ static bool run(struct render_thread *thread, struct job *job)
     return error_set(&job->error, STATUS_UNSUPPORTED, "unknown job");
 }
 
+/* A frame for each way in which the channels alone change what is compiled; other settings compile what they
+ * add when they are first used. */
 static bool warm_up(struct render_thread *thread, struct error *error)
 {
+    static const uint32_t channels[] = {
+        (1u << CHANNEL_COUNT) - 1,
+        (1u << CHANNEL_COUNT) - 1, /* again: a second frame takes the path that has a last frame */
+        1u << CHANNEL_CAUSTICS,
+        1u << CHANNEL_CAUSTICS | 1u << CHANNEL_NORMAL,
+        1u << CHANNEL_NORMAL,
+        1u << CHANNEL_DEPTH,
+    };
     struct view *view = view_create(thread->renderer, WARM_UP_SIZE, WARM_UP_SIZE, error);
-    bool ok = view != NULL;
-    /* The second frame takes the path that has a last frame. */
-    for (int i = 0; ok && i < 2; i++)
-        ok = view_render(view, (1u << CHANNEL_COUNT) - 1, error) != NULL;
+    bool ok = view && view_set_setting(view, SETTING_photons, WARM_UP_PHOTONS, error);
+    for (size_t i = 0; ok && i < sizeof channels / sizeof *channels; i++)
+        ok = view_render(view, channels[i], error) != NULL;
     view_destroy(&view);
     if (ok)
         gpu_save_cache(thread->gpu);
     return ok;
 }
 
+/* Says how long a step of the start took, and begins the next. */
+static void log_step(const char *step, uint64_t *begin_ns)
+{
+    uint64_t now = network_now_ns();
+    log_line(LOG_LEVEL_DEBUG, "%s: %.0f ms", step, 1e-6 * (double)(now - *begin_ns));
+    *begin_ns = now;
+}
+
 static bool start(struct render_thread *thread, struct error *error)
 {
+    uint64_t begin_ns = network_now_ns();
     thread->encoder = frame_encoder_create(error);
     thread->gpu = thread->encoder ? gpu_create(&thread->params.gpu, error) : NULL;
     if (!thread->gpu)
         return false;
     thread->info.gpu = *gpu_info(thread->gpu);
+    log_step("device", &begin_ns);
     thread->renderer = renderer_create(&(struct renderer_params){.gpu = thread->gpu,
                                                                  .scene = thread->params.scene,
                                                                  .tracer = thread->params.tracer},
@@ -165,7 +186,11 @@ static bool start(struct render_thread *thread, struct error *error)
         return false;
     thread->info.limits = *renderer_limits(thread->renderer);
     thread->info.tracer = renderer_tracer(thread->renderer);
-    return warm_up(thread, error);
+    log_step("renderer", &begin_ns);
+    if (!warm_up(thread, error))
+        return false;
+    log_step("warm-up", &begin_ns);
+    return true;
 }
 
 static void finish_job(struct render_thread *thread, struct job *job)
