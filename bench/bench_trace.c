@@ -1,9 +1,10 @@
 /* bench_trace.c: photon rays per second of the tracers, against Embree's rtcIntersect1 on the same rays.
  *
- * The rays are what photons are: 1 M from the scene's first light over the cap of directions that holds the casters,
- * in Morton order of emission, and their second segments, refracted or reflected at the first hit. Every method runs
- * in turn, several rounds, and the median of its rounds counts. Embree runs on as many threads as this process may use,
- * as lavapipe does, over the scene's triangles in world space without instances.
+ * The rays are what photons are: 1 M from the scene's first light over the cap of directions that holds the
+ * casters, in Morton order of emission, and their second segments, refracted or reflected at the first hit.
+ * Every method runs in turn, several rounds, and the median of its rounds counts. Embree runs on as many
+ * threads as this process may use, as lavapipe does, over the scene's triangles in world space without
+ * instances.
  */
 #define _GNU_SOURCE
 #include <embree3/rtcore.h>
@@ -24,10 +25,10 @@
 #include "shaders/shared/bvh_layout.h"
 #include "tests/support/trace_device.h"
 
-#define GRID_BITS   10u
-#define RAY_COUNT   (1u << (2 * GRID_BITS))
-#define MAX_ROUNDS  101u
-#define CHUNK       4096u
+#define GRID_BITS    10u
+#define RAY_COUNT    (1u << (2 * GRID_BITS))
+#define MAX_ROUNDS   101u
+#define CHUNK        4096u
 #define METHOD_COUNT 3u
 
 enum method { METHOD_EMBREE, METHOD_BVH, METHOD_KHR };
@@ -97,8 +98,8 @@ static void set_ray(struct trace_ray_gpu *ray, struct vec3 origin, struct vec3 d
                                   {(float)direction.x, (float)direction.y, (float)direction.z, 0}};
 }
 
-/* Shirley and Chiu's concentric map of the square to the disk, then equal area to the cap, or the disk itself across the
- * beam of a directional light. */
+/* Shirley and Chiu's concentric map of the square to the disk, then equal area to the cap, or the disk itself
+ * across the beam of a directional light. */
 static void emit(const struct scene *scene, const struct scene_pose *pose, struct trace_ray_gpu *rays)
 {
     struct vec3 *corners = allocate(8 * scene->instance_count, sizeof *corners);
@@ -113,8 +114,8 @@ static void emit(const struct scene *scene, const struct scene_pose *pose, struc
     struct vec3 position = vec3_load(pose->lights[0].position);
     struct vec3 axis = is_beam ? vec3_load(pose->lights[0].direction)
                                : vec3_unit(vec3_sub(center, position), vec3_make(0, -1, 0));
-    struct vec3 side = vec3_unit(vec3_cross(fabs(axis.x) < 0.5 ? vec3_make(1, 0, 0) : vec3_make(0, 1, 0), axis),
-                                 vec3_make(1, 0, 0));
+    struct vec3 side = vec3_unit(
+        vec3_cross(fabs(axis.x) < 0.5 ? vec3_make(1, 0, 0) : vec3_make(0, 1, 0), axis), vec3_make(1, 0, 0));
     struct vec3 up = vec3_cross(axis, side);
     double radius = 0, cosine = 1, depth = 0;
     for (uint32_t i = 0; i < corner_count; i++) {
@@ -145,8 +146,9 @@ static void emit(const struct scene *scene, const struct scene_pose *pose, struc
 }
 
 /* Second segments of the rays that met a caster, in their order; returns how many. */
-static uint32_t continue_rays(const struct scene *scene, const struct scene_pose *pose, const struct trace_ray_gpu *rays,
-                              const struct trace_hit_gpu *hits, struct trace_ray_gpu *next)
+static uint32_t continue_rays(const struct scene *scene, const struct scene_pose *pose,
+                              const struct trace_ray_gpu *rays, const struct trace_hit_gpu *hits,
+                              struct trace_ray_gpu *next)
 {
     uint32_t count = 0;
     for (uint32_t i = 0; i < RAY_COUNT; i++) {
@@ -163,11 +165,13 @@ static uint32_t continue_rays(const struct scene *scene, const struct scene_pose
         for (uint32_t k = 0; k < 3; k++) {
             uint32_t index = mesh->first_vertex + scene->indices[mesh->first_index + 3 * hits[i].hit.z + k];
             p[k] = transform(pose->instance_to_world[hits[i].hit.y], scene->vertices[index].position, 1);
-            n = vec3_add(n, vec3_scale(transform(pose->instance_to_world[hits[i].hit.y], scene->vertices[index].normal, 0),
+            n = vec3_add(n, vec3_scale(transform(pose->instance_to_world[hits[i].hit.y],
+                                                 scene->vertices[index].normal, 0),
                                        weight[k]));
             point = vec3_add(point, vec3_scale(p[k], weight[k]));
         }
-        struct vec3 d = vec3_make((double)rays[i].direction.x, (double)rays[i].direction.y, (double)rays[i].direction.z);
+        struct vec3 d =
+            vec3_make((double)rays[i].direction.x, (double)rays[i].direction.y, (double)rays[i].direction.z);
         n = vec3_unit(n, vec3_make(0, 1, 0));
         double cosine = -vec3_dot(n, d);
         double eta = cosine > 0 ? 1 / (double)material->ior : (double)material->ior;
@@ -179,8 +183,9 @@ static uint32_t continue_rays(const struct scene *scene, const struct scene_pose
         bool goes_through = material->kind != MATERIAL_MIRROR && k > 0;
         if (material->kind == MATERIAL_THIN)
             eta = 1, k = cosine * cosine;
-        struct vec3 turned = goes_through ? vec3_add(vec3_scale(d, eta), vec3_scale(n, eta * cosine - sqrt(k)))
-                                          : vec3_add(d, vec3_scale(n, 2 * cosine));
+        struct vec3 turned = goes_through
+                                 ? vec3_add(vec3_scale(d, eta), vec3_scale(n, eta * cosine - sqrt(k)))
+                                 : vec3_add(d, vec3_scale(n, 2 * cosine));
         set_ray(&next[count++], vec3_add(point, vec3_scale(n, goes_through ? -1e-4 : 1e-4)), turned);
     }
     return count;
@@ -235,15 +240,16 @@ static void *embree_thread(void *argument)
             const struct trace_ray_gpu *ray = &job->rays[i];
             struct RTCIntersectContext context;
             rtcInitIntersectContext(&context);
-            struct RTCRayHit query = {.ray = {.org_x = ray->origin_t_max.x,
-                                              .org_y = ray->origin_t_max.y,
-                                              .org_z = ray->origin_t_max.z,
-                                              .dir_x = ray->direction.x,
-                                              .dir_y = ray->direction.y,
-                                              .dir_z = ray->direction.z,
-                                              .tfar = ray->origin_t_max.w,
-                                              .mask = UINT32_MAX},
-                                      .hit = {.geomID = RTC_INVALID_GEOMETRY_ID, .primID = RTC_INVALID_GEOMETRY_ID}};
+            struct RTCRayHit query = {
+                .ray = {.org_x = ray->origin_t_max.x,
+                        .org_y = ray->origin_t_max.y,
+                        .org_z = ray->origin_t_max.z,
+                        .dir_x = ray->direction.x,
+                        .dir_y = ray->direction.y,
+                        .dir_z = ray->direction.z,
+                        .tfar = ray->origin_t_max.w,
+                        .mask = UINT32_MAX},
+                .hit = {.geomID = RTC_INVALID_GEOMETRY_ID, .primID = RTC_INVALID_GEOMETRY_ID}};
             rtcIntersect1(job->scene, &context, &query);
             struct trace_hit_gpu *hit = &job->hits[i];
             memcpy(&hit->hit.x, &query.ray.tfar, sizeof query.ray.tfar);
@@ -319,7 +325,8 @@ static void bench(struct gpu *gpu, const char *name, uint32_t rounds)
             die(&error);
     }
 
-    struct trace_ray_gpu *rays[2] = {allocate(RAY_COUNT, sizeof *rays[0]), allocate(RAY_COUNT, sizeof *rays[1])};
+    struct trace_ray_gpu *rays[2] = {allocate(RAY_COUNT, sizeof *rays[0]),
+                                     allocate(RAY_COUNT, sizeof *rays[1])};
     uint32_t counts[2] = {RAY_COUNT, 0};
     struct trace_hit_gpu *hits[METHOD_COUNT];
     for (uint32_t m = 0; m < METHOD_COUNT; m++)
@@ -340,7 +347,9 @@ static void bench(struct gpu *gpu, const char *name, uint32_t rounds)
                 uint64_t elapsed_ns = 0;
                 if (m == METHOD_EMBREE)
                     elapsed[segment] = embree_run(&embree, rays[segment], counts[segment], hits[m]);
-                else if (!trace_device_run(devices[m], rays[segment], counts[segment], false, hits[m], &elapsed_ns, &error))
+                else if (!trace_device_run(
+                             devices[m], &(struct trace_run){.rays = rays[segment], .count = counts[segment]},
+                             hits[m], &elapsed_ns, &error))
                     die(&error);
                 else
                     elapsed[segment] = 1e-9 * (double)elapsed_ns;
@@ -361,8 +370,9 @@ static void bench(struct gpu *gpu, const char *name, uint32_t rounds)
         if (m != METHOD_EMBREE && !devices[m])
             continue;
         double both = median(rates[m][2], rounds);
-        printf("%-10s %10u  %-7s %8.2f %8.2f %8.2f   %6.2f   %7u\n", name, scene->triangle_count, method_names[m],
-               median(rates[m][0], rounds), median(rates[m][1], rounds), both, both / reference, differing[m]);
+        printf("%-10s %10u  %-7s %8.2f %8.2f %8.2f   %6.2f   %7u\n", name, scene->triangle_count,
+               method_names[m], median(rates[m][0], rounds), median(rates[m][1], rounds), both,
+               both / reference, differing[m]);
         fflush(stdout);
     }
 
@@ -380,7 +390,8 @@ static void bench(struct gpu *gpu, const char *name, uint32_t rounds)
 
 static const char usage[] =
     "usage: bench-trace [--device NAME] [--rounds N] [SCENE...]\n"
-    "Photon rays per second (millions) of each tracer and of Embree's rtcIntersect1 on as many threads as this\n"
+    "Photon rays per second (millions) of each tracer and of Embree's rtcIntersect1 on as many threads as "
+    "this\n"
     "process may use: medians of N alternating rounds (9), 1 M rays and their second segments.\n"
     "SCENE is a built-in scene or a glTF file; sphere and pool when none is given.\n";
 
@@ -407,8 +418,8 @@ int main(int argc, char **argv)
     if (!gpu)
         die(&error);
     printf("%s, %s\n", gpu_info(gpu)->name, gpu_info(gpu)->driver);
-    printf("%-10s %10s  %-7s %8s %8s %8s   %6s   %7s\n", "scene", "triangles", "tracer", "first", "second", "both",
-           "ratio", "differ");
+    printf("%-10s %10s  %-7s %8s %8s %8s   %6s   %7s\n", "scene", "triangles", "tracer", "first", "second",
+           "both", "ratio", "differ");
     if (first == argc) {
         bench(gpu, "sphere", rounds);
         bench(gpu, "pool", rounds);

@@ -17,7 +17,7 @@ layout(push_constant) uniform push_block { trace_rays_push push; };
 void main()
 {
     uint index = gl_GlobalInvocationID.x;
-    if (index >= push.ray_count)
+    if (index >= push.ray_count || index % push.stride != 0u)
         return;
     vec4 origin = rays[index].origin_t_max;
     vec3 direction = rays[index].direction.xyz;

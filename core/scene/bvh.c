@@ -7,8 +7,8 @@
 /* ---- building ----------------------------------------------------------------------------------------- */
 
 #define BIN_COUNT 16
-/* Relative costs of a step down and of a triangle test, and the leaf size, tuned on `sphere` and `pool` with the shader's
- * packets: both are one fetch and about as much arithmetic. */
+/* Relative costs of a step down and of a triangle test, and the leaf size, tuned on `sphere` and `pool` with
+ * the shader's packets: both are one fetch and about as much arithmetic. */
 #define STEP_COST     1.0f
 #define TRIANGLE_COST 1.0f
 /* Depth that is left to even halves once the heuristic has used up the rest: 2^26 items need 26. */
@@ -18,8 +18,8 @@ struct box {
     float min[3], max[3];
 };
 
-/* What is sorted into a tree: a box and who it belongs to, 32 bytes, moved as a whole so that binning reads memory in
- * order. */
+/* What is sorted into a tree: a box and who it belongs to, 32 bytes, moved as a whole so that binning reads
+ * memory in order. */
 struct primitive {
     float min[3];
     uint32_t index;
@@ -63,7 +63,8 @@ static float box_half_area(const struct box *box)
     return x >= 0 ? x * y + y * z + z * x : 0;
 }
 
-static void range_bounds(const struct primitive *primitives, uint32_t count, struct box *box, struct box *centroids)
+static void range_bounds(const struct primitive *primitives, uint32_t count, struct box *box,
+                         struct box *centroids)
 {
     *box = box_empty();
     *centroids = box_empty();
@@ -91,7 +92,8 @@ static inline uint32_t bin_of(const struct primitive *p, const struct box *centr
     return bin < BIN_COUNT ? (uint32_t)bin : BIN_COUNT - 1;
 }
 
-static struct split find_split(const struct primitive *primitives, uint32_t count, const struct box *centroids)
+static struct split find_split(const struct primitive *primitives, uint32_t count,
+                               const struct box *centroids)
 {
     struct bin bins[3][BIN_COUNT];
     float scale[3];
@@ -132,8 +134,10 @@ static struct split find_split(const struct primitive *primitives, uint32_t coun
     return best;
 }
 
-/* Moves the primitives of bins below the split to the front; returns how many. Keeps a fixed order for fixed input. */
-static uint32_t partition(struct primitive *primitives, uint32_t count, const struct box *centroids, struct split split)
+/* Moves the primitives of bins below the split to the front; returns how many. Keeps a fixed order for fixed
+ * input. */
+static uint32_t partition(struct primitive *primitives, uint32_t count, const struct box *centroids,
+                          struct split split)
 {
     int axis = (int)split.axis;
     float scale = bin_scale(centroids, axis);
@@ -186,14 +190,16 @@ static uint32_t halvings(uint32_t count)
 }
 
 /* Decides where a range is cut: returns the size of its left part, or 0 to make it a leaf. */
-static uint32_t cut(struct primitive *primitives, const struct task *task, const struct box *box, uint32_t max_leaf)
+static uint32_t cut(struct primitive *primitives, const struct task *task, const struct box *box,
+                    uint32_t max_leaf)
 {
     if (task->count == 1)
         return 0;
     bool has_depth = task->depth + halvings(task->count) + HALVING_SLACK < BVH_MAX_DEPTH;
     struct split split = find_split(primitives, task->count, &task->centroids);
     float area = box_half_area(box);
-    if (task->count <= max_leaf && !(split.cost * TRIANGLE_COST + STEP_COST * area < (float)task->count * TRIANGLE_COST * area))
+    if (task->count <= max_leaf &&
+        !(split.cost * TRIANGLE_COST + STEP_COST * area < (float)task->count * TRIANGLE_COST * area))
         return 0;
     if (has_depth && split.cost < INFINITY) {
         uint32_t left = partition(primitives, task->count, &task->centroids, split);
@@ -255,8 +261,8 @@ static bool build(struct bvh *bvh, struct primitive *primitives, uint32_t count,
                                             .parent = node,
                                             .side = 1,
                                             .depth = task.depth + 1};
-        stack[stack_size++] =
-            (struct task){.first = task.first, .count = left, .parent = node, .side = 0, .depth = task.depth + 1};
+        stack[stack_size++] = (struct task){
+            .first = task.first, .count = left, .parent = node, .side = 0, .depth = task.depth + 1};
     }
     struct bvh_node *shrunk = realloc(bvh->nodes, bvh->node_count * sizeof *bvh->nodes);
     if (shrunk)
@@ -264,7 +270,8 @@ static bool build(struct bvh *bvh, struct primitive *primitives, uint32_t count,
     return true;
 }
 
-static struct bvh *bvh_create(uint32_t count, const char *what, struct primitive **primitives, struct error *error)
+static struct bvh *bvh_create(uint32_t count, const char *what, struct primitive **primitives,
+                              struct error *error)
 {
     struct bvh *bvh = calloc(1, sizeof *bvh);
     *primitives = malloc((size_t)(count ? count : 1) * sizeof **primitives);
@@ -273,7 +280,8 @@ static struct bvh *bvh_create(uint32_t count, const char *what, struct primitive
         return bvh;
     }
     if (count > BVH_INDEX_MASK)
-        error_set(error, STATUS_LIMIT, "%u %s are more than a hierarchy can hold (%u)", count, what, BVH_INDEX_MASK);
+        error_set(error, STATUS_LIMIT, "%u %s are more than a hierarchy can hold (%u)", count, what,
+                  BVH_INDEX_MASK);
     else
         error_set(error, STATUS_MEMORY, "no memory for the hierarchy of %u %s", count, what);
     free(bvh);
@@ -301,7 +309,8 @@ struct bvh *bvh_create_mesh(const struct scene *scene, uint32_t mesh_index, stru
         }
         for (int a = 0; a < 3; a++)
             largest = fmaxf(largest, fmaxf(fabsf(box.min[a]), fabsf(box.max[a])));
-        primitives[i] = (struct primitive){{box.min[0], box.min[1], box.min[2]}, i, {box.max[0], box.max[1], box.max[2]}, 0};
+        primitives[i] = (struct primitive){
+            {box.min[0], box.min[1], box.min[2]}, i, {box.max[0], box.max[1], box.max[2]}, 0};
     }
     /* A ray along an axis, in the very plane of a box's side, would count as leaving where it stands. */
     float slack = largest * 0x1p-23f;
@@ -313,15 +322,18 @@ struct bvh *bvh_create_mesh(const struct scene *scene, uint32_t mesh_index, stru
     if (!build(bvh, primitives, mesh->triangle_count, BVH_MAX_LEAF, error))
         goto fail;
 
-    bvh->triangles = malloc((size_t)(mesh->triangle_count ? mesh->triangle_count : 1) * sizeof *bvh->triangles);
+    bvh->triangles =
+        malloc((size_t)(mesh->triangle_count ? mesh->triangle_count : 1) * sizeof *bvh->triangles);
     if (!bvh->triangles) {
-        error_set(error, STATUS_MEMORY, "no memory for the %u triangles of mesh '%s'", mesh->triangle_count, mesh->name);
+        error_set(error, STATUS_MEMORY, "no memory for the %u triangles of mesh '%s'", mesh->triangle_count,
+                  mesh->name);
         goto fail;
     }
     for (uint32_t i = 0; i < mesh->triangle_count; i++) {
         struct bvh_triangle *triangle = &bvh->triangles[i];
         for (uint32_t k = 0; k < 3; k++)
-            memcpy(&triangle->vertex[k], vertices[indices[3 * primitives[i].index + k]].position, 3 * sizeof(float));
+            memcpy(&triangle->vertex[k], vertices[indices[3 * primitives[i].index + k]].position,
+                   3 * sizeof(float));
         triangle->vertex[0].w = primitives[i].index;
         triangle->vertex[1].w = triangle->vertex[2].w = 0;
     }
@@ -343,7 +355,8 @@ struct bvh *bvh_create_boxes(const float (*boxes)[6], uint32_t count, struct err
     for (uint32_t i = 0; i < count; i++) {
         primitives[i].index = i;
         for (int a = 0; a < 3; a++) {
-            /* A world box comes from corners carried through a matrix; its rounding must not cut off what it holds. */
+            /* A world box comes from corners carried through a matrix; its rounding must not cut off what it
+             * holds. */
             float slack = 1e-6f * fmaxf(fabsf(boxes[i][a]), fabsf(boxes[i][3 + a]));
             primitives[i].min[a] = boxes[i][a] - slack;
             primitives[i].max[a] = boxes[i][3 + a] + slack;
@@ -423,10 +436,11 @@ static float ray_enter(const struct ray *ray, const struct bvh_node *node, uint3
     return enter <= leave ? enter : INFINITY;
 }
 
-/* Woop, Benthin and Wald 2013, "Watertight ray/triangle intersection": corners sheared into the ray's frame. A product
- * never rounds past an equal one, so an edge function can only be 0 where its sign would be in doubt, and 0 counts as
- * inside for both triangles at an edge. */
-static bool ray_triangle(const struct ray *ray, const struct bvh_triangle *triangle, float t_max, float *t, float *u, float *v)
+/* Woop, Benthin and Wald 2013, "Watertight ray/triangle intersection": corners sheared into the ray's frame.
+ * A product never rounds past an equal one, so an edge function can only be 0 where its sign would be in
+ * doubt, and 0 counts as inside for both triangles at an edge. */
+static bool ray_triangle(const struct ray *ray, const struct bvh_triangle *triangle, float t_max, float *t,
+                         float *u, float *v)
 {
     float x[3], y[3], z[3];
     for (int k = 0; k < 3; k++) {

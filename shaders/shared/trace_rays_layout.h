@@ -9,12 +9,14 @@ struct trace_ray_gpu {
 };
 
 struct trace_hit_gpu {
-    uvec4 hit;         /* t as float bits, instance (0xffffffff: missed), triangle, 1 if the iteration cap ended it */
+    uvec4 hit; /* t as float bits, instance (0xffffffff: missed), triangle, 1 if the iteration cap ended it */
     vec4 barycentrics; /* x, y: weights of vertices 1 and 2 */
 };
 
 struct trace_rays_push {
     uint ray_count;
+    uint stride; /* every stride-th ray is traced, so that subgroups are partly idle; the hits of others stay
+                    as they are */
 };
 
 SHARED_SIZE(trace_ray_gpu, 32);

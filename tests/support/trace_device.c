@@ -257,12 +257,23 @@ static bool ensure_capacity(struct trace_device *device, uint32_t count, struct 
     return true;
 }
 
-bool trace_device_run(struct trace_device *device, const struct trace_ray_gpu *rays, uint32_t count, bool any,
-                      struct trace_hit_gpu *hits, uint64_t *elapsed_ns, struct error *error)
+bool trace_device_write_nodes(struct trace_device *device, size_t offset, const void *data, size_t size,
+                              struct error *error)
 {
+    struct gpu_frame *frame = gpu_frame_begin(device->gpu, error);
+    if (!frame)
+        return false;
+    gpu_record_upload(frame, device->nodes, offset, data, size);
+    return gpu_frame_submit(frame, error) && gpu_frame_wait(frame, error);
+}
+
+bool trace_device_run(struct trace_device *device, const struct trace_run *run, struct trace_hit_gpu *hits,
+                      uint64_t *elapsed_ns, struct error *error)
+{
+    uint32_t count = run->count;
     if (!ensure_capacity(device, count, error))
         return false;
-    memcpy(gpu_buffer_map(device->upload), rays, count * sizeof *rays);
+    memcpy(gpu_buffer_map(device->upload), run->rays, count * sizeof *run->rays);
     struct gpu_frame *frame = gpu_frame_begin(device->gpu, error);
     if (!frame)
         return false;
@@ -272,14 +283,15 @@ bool trace_device_run(struct trace_device *device, const struct trace_ray_gpu *r
                                 {BINDING_TRIANGLES, GPU_READ, device->triangles, NULL},
                                 {BINDING_INSTANCES, GPU_READ, device->instances, NULL}};
     gpu_pass_begin(frame, "copy");
-    gpu_record_copy(frame, device->rays, 0, device->upload, 0, count * sizeof *rays);
+    gpu_record_copy(frame, device->rays, 0, device->upload, 0, count * sizeof *run->rays);
     gpu_pass_end(frame);
     gpu_pass_begin(frame, "trace");
-    gpu_record_dispatch(frame, &(struct gpu_dispatch){.pipeline = device->pipelines[any],
-                                                      .binds = binds,
-                                                      .bind_count = device->top ? 3 : 5,
-                                                      .push = &(struct trace_rays_push){count},
-                                                      .groups = {(count + 63) / 64, 1, 1}});
+    gpu_record_dispatch(
+        frame, &(struct gpu_dispatch){.pipeline = device->pipelines[run->any],
+                                      .binds = binds,
+                                      .bind_count = device->top ? 3 : 5,
+                                      .push = &(struct trace_rays_push){count, run->stride ? run->stride : 1},
+                                      .groups = {(count + 63) / 64, 1, 1}});
     gpu_pass_end(frame);
     gpu_pass_begin(frame, "copy");
     gpu_record_copy(frame, device->readback, 0, device->hits, 0, count * sizeof *hits);

@@ -20,10 +20,20 @@ struct trace_device *trace_device_create(struct gpu *gpu, const struct scene *sc
                                          struct error *error);
 void trace_device_destroy(struct trace_device **device);
 
-/* Traces `count` rays, at least one. `any`: only whether there is a hit (hits[i].hit.y is 0 or
- * TRACE_DEVICE_MISS). `elapsed_ns` (may be NULL) gets the dispatch's time on the device. */
-bool trace_device_run(struct trace_device *device, const struct trace_ray_gpu *rays, uint32_t count, bool any,
-                      struct trace_hit_gpu *hits, uint64_t *elapsed_ns, struct error *error);
+struct trace_run {
+    const struct trace_ray_gpu *rays;
+    uint32_t count;  /* at least one */
+    uint32_t stride; /* only every stride-th ray is traced, the other lanes idle; 0 counts as 1 */
+    bool any;        /* only whether there is a hit: hits[i].hit.y is 0 or TRACE_DEVICE_MISS */
+};
+
+/* Fills hits[i] for the rays traced. `elapsed_ns` (may be NULL) gets the dispatch's time on the device. */
+bool trace_device_run(struct trace_device *device, const struct trace_run *run, struct trace_hit_gpu *hits,
+                      uint64_t *elapsed_ns, struct error *error);
+
+/* Overwrites part of the node buffer, to see what damage does; bvh tracer only. */
+bool trace_device_write_nodes(struct trace_device *device, size_t offset, const void *data, size_t size,
+                              struct error *error);
 
 /* The plain C reference over the same scene: every instance in turn. `hit` as the shader gives it. */
 void trace_scene_reference(const struct scene *scene, const struct scene_pose *pose,

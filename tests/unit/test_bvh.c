@@ -67,7 +67,8 @@ static void random_soup(struct soup *soup, uint32_t triangle_count, float size)
     }
 }
 
-/* A closed sphere of rings x segments quads, triangles in random order, vertices moved off the sphere by `bump`. */
+/* A closed sphere of rings x segments quads, triangles in random order, vertices moved off the sphere by
+ * `bump`. */
 static void bumpy_sphere(struct soup *soup, uint32_t rings, uint32_t segments, float bump)
 {
     uint32_t triangle_count = 2 * segments * (rings - 1);
@@ -121,7 +122,8 @@ struct exact_hit {
 };
 
 /* Moeller-Trumbore in double; false where the triangle is seen edge-on. */
-static bool exact_triangle(const struct soup *soup, uint32_t triangle, const float o[3], const float d[3], struct exact_hit *hit)
+static bool exact_triangle(const struct soup *soup, uint32_t triangle, const float o[3], const float d[3],
+                           struct exact_hit *hit)
 {
     double p[3][3], e1[3], e2[3], s[3], h[3], q[3];
     for (uint32_t k = 0; k < 3; k++)
@@ -138,7 +140,8 @@ static bool exact_triangle(const struct soup *soup, uint32_t triangle, const flo
         q[a] = s[b] * e1[c] - s[c] * e1[b];
     }
     double det = e1[0] * h[0] + e1[1] * h[1] + e1[2] * h[2];
-    double scale = sqrt((e1[0] * e1[0] + e1[1] * e1[1] + e1[2] * e1[2]) * (h[0] * h[0] + h[1] * h[1] + h[2] * h[2]));
+    double scale =
+        sqrt((e1[0] * e1[0] + e1[1] * e1[1] + e1[2] * e1[2]) * (h[0] * h[0] + h[1] * h[1] + h[2] * h[2]));
     if (fabs(det) <= 1e-12 * scale)
         return false;
     double u = (s[0] * h[0] + s[1] * h[1] + s[2] * h[2]) / det;
@@ -148,9 +151,11 @@ static bool exact_triangle(const struct soup *soup, uint32_t triangle, const flo
     return true;
 }
 
-/* Traces one ray and compares with brute force: a hit must lie on its triangle where brute force sees it, and nothing that
- * brute force hits clearly may be nearer. `slack` in barycentrics and in t relative to the farthest vertex. */
-static bool check_ray(const struct soup *soup, const struct bvh *bvh, const float o[3], const float d[3], double slack)
+/* Traces one ray and compares with brute force: a hit must lie on its triangle where brute force sees it, and
+ * nothing that brute force hits clearly may be nearer. `slack` in barycentrics and in t relative to the
+ * farthest vertex. */
+static bool check_ray(const struct soup *soup, const struct bvh *bvh, const float o[3], const float d[3],
+                      double slack)
 {
     float t = INFINITY, u = 0, v = 0;
     uint32_t triangle = 0;
@@ -403,8 +408,8 @@ static void degenerate_meshes_are_harmless(void **state)
     soup_end(&soup);
 }
 
-/* Boxes each eight times as large as the last: a bin holds all but the largest, so the heuristic alone would peel off one
- * per level, 80 levels deep. */
+/* Boxes each eight times as large as the last: a bin holds all but the largest, so the heuristic alone would
+ * peel off one per level, 80 levels deep. */
 static void depth_is_limited(void **state)
 {
     (void)state;
@@ -526,11 +531,16 @@ static void top_levels_name_each_instance_once(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(random_triangles_match_brute_force), cmocka_unit_test(a_direction_need_not_be_unit),
-        cmocka_unit_test(distance_limits_hold),               cmocka_unit_test(closed_meshes_have_no_cracks),
-        cmocka_unit_test(axis_aligned_rays_hit_a_grid),       cmocka_unit_test(degenerate_meshes_are_harmless),
-        cmocka_unit_test(depth_is_limited),                   cmocka_unit_test(same_input_gives_the_same_tree),
-        cmocka_unit_test(a_frontier_holds_every_triangle),    cmocka_unit_test(top_levels_name_each_instance_once),
+        cmocka_unit_test(random_triangles_match_brute_force),
+        cmocka_unit_test(a_direction_need_not_be_unit),
+        cmocka_unit_test(distance_limits_hold),
+        cmocka_unit_test(closed_meshes_have_no_cracks),
+        cmocka_unit_test(axis_aligned_rays_hit_a_grid),
+        cmocka_unit_test(degenerate_meshes_are_harmless),
+        cmocka_unit_test(depth_is_limited),
+        cmocka_unit_test(same_input_gives_the_same_tree),
+        cmocka_unit_test(a_frontier_holds_every_triangle),
+        cmocka_unit_test(top_levels_name_each_instance_once),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
