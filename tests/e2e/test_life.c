@@ -64,6 +64,26 @@ static void what_cannot_be_served_is_one_clear_line(void **state)
     EXPECT(1, "--ready-file", "--listen", "tcp:127.0.0.1:0", "--ready-file", "/nonexistent/folder/ready");
 }
 
+static void a_damaged_scene_file_is_refused_by_name(void **state)
+{
+    (void)state;
+    static const struct {
+        const char *bytes;
+        size_t size;
+    } files[] = {{"", 0},
+                 {"glTF", 4},
+                 {"glTF\2\0\0\0\377\377\377\377\377\377\377\377JSON", 20},
+                 {"glTF\2\0\0\0\30\0\0\0\4\0\0\0JSON{}  ", 24}};
+    for (size_t i = 0; i < sizeof files / sizeof *files; i++) {
+        char path[] = "/tmp/causticd-test-XXXXXX.glb";
+        int fd = mkstemps(path, 4);
+        assert_true(fd >= 0 && write(fd, files[i].bytes, files[i].size) == (ssize_t)files[i].size);
+        close(fd);
+        EXPECT(1, strrchr(path, '/') + 1, path, "--listen", "tcp:127.0.0.1:0");
+        unlink(path);
+    }
+}
+
 static void an_address_in_use_is_named(void **state)
 {
     (void)state;
@@ -275,6 +295,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(the_command_line_is_explained),
         cmocka_unit_test(what_cannot_be_served_is_one_clear_line),
+        cmocka_unit_test(a_damaged_scene_file_is_refused_by_name),
         cmocka_unit_test(an_address_in_use_is_named),
         cmocka_unit_test(a_stale_socket_is_replaced_and_a_file_is_not),
         cmocka_unit_test(the_ready_file_tells_the_addresses),
