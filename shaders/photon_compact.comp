@@ -157,10 +157,9 @@ photon make_photon(photon_ray ray)
     fate = sees_center ? FATE_SPLATTED : FATE_CULLED_VISIBILITY;
 
     p.cell = ray.cell;
-    if (sees_center) {
-        p.area = min(area, AREA_MAX);
-        p.root = sqrt(p.area * total / frame.cell_flux);
-    }
+    // Photons at a rim count as well: a coarse one just out of sight spills more light into view than it should.
+    p.area = min(area, AREA_MAX);
+    p.root = sqrt(p.area * total / frame.cell_flux);
     p.ellipse = vec4(u00, u01, u11, extent.y);
     p.center = vec4(center, w);
     if (AA == AA_PIXEL)

@@ -38,8 +38,10 @@ void main()
         uint hash = hash_mix(hash_mix(hash_word(frame.seed), node), rest);
         vec2 place = vec2(0.5);
         if ((frame.flags & FLAG_JITTER) != 0u) {
-            uint h = hash_mix(hash, frame.subframe * 2u + 1u);
-            place = vec2(hash_unit(h), hash_unit(hash_word(h)));
+            // a start of its own in every stratum, then the R2 sequence (Roberts 2018) over the subframes
+            uint h = hash_mix(hash, 0x4au);
+            place = fract(vec2(hash_unit(h), hash_unit(hash_word(h))) +
+                          float(frame.subframe) * vec2(0.7548776662, 0.5698402910));
             hash = hash_mix(hash, frame.subframe);
         }
         vec2 stratum = vec2(float(rest % side), float(rest / side)) + place;

@@ -5,7 +5,8 @@
 
 bool photons_prepare(struct view *view)
 {
-    size_t rays = 2 * (size_t)view->settings.photons, stored = 4 * (size_t)view->settings.photons;
+    size_t rays = RAYS_PER_PHOTON * (size_t)view->settings.photons;
+    size_t stored = STORED_PER_PHOTON * (size_t)view->settings.photons;
     /* a small budget still has a ray per cell of the smallest tiles */
     size_t least = GROUP_SIZE * 4;
     rays = rays < least ? least : rays;

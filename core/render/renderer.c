@@ -277,9 +277,9 @@ struct renderer *renderer_create(const struct renderer_params *params, struct er
                 : info->has_hardware_ray_tracing ? TRACER_KHR
                                                       : TRACER_BVH;
     uint64_t most = info->max_storage_bytes;
-    uint64_t pixels = most / sizeof(struct surface_gpu), photons = most / (4 * sizeof(struct photon));
+    uint64_t pixels = most / sizeof(struct surface_gpu), photons = most / (STORED_PER_PHOTON * sizeof(struct photon));
     r->limits.max_pixels = (uint32_t)(pixels < VIEW_MAX_PIXELS ? pixels : VIEW_MAX_PIXELS);
-    uint64_t rays = most / (2 * sizeof(struct photon_ray));
+    uint64_t rays = most / (RAYS_PER_PHOTON * sizeof(struct photon_ray));
     photons = photons < rays ? photons : rays;
     photons = photons / 4096 * 4096;
     r->limits.max_photons =

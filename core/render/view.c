@@ -397,8 +397,9 @@ static void fill_camera(struct view *view, struct frame_gpu *data, uint32_t subf
         shift[0] = radical_inverse(2, subframe + 1) - 0.5f;
         shift[1] = radical_inverse(3, subframe + 1) - 0.5f;
     }
-    /* a pixel's ray goes through its middle moved by `shift`: everything else shifts the other way */
-    float middle[2] = {0.5f * (float)view->width - shift[0], 0.5f * (float)view->height - shift[1]};
+    /* Only the G-buffer's rays move within their pixels. Splats carry the pixel filter already: moving them as well
+     * would filter twice. */
+    float middle[2] = {0.5f * (float)view->width, 0.5f * (float)view->height};
     data->eye = vec4_of(camera->eye, (float)view->time);
     data->forward = vec4_of(forward, 1 / (focal * focal));
     data->right = vec4_of(right, 0);
@@ -408,7 +409,7 @@ static void fill_camera(struct view *view, struct frame_gpu *data, uint32_t subf
     for (int k = 0; k < 3; k++) {
         x[k] = right[k] / focal;
         y[k] = -up[k] / focal;
-        origin[k] = forward[k] - middle[0] * x[k] - middle[1] * y[k];
+        origin[k] = forward[k] - (middle[0] - shift[0]) * x[k] - (middle[1] - shift[1]) * y[k];
     }
     data->ray_origin = vec4_of(origin, 0);
     data->ray_x = vec4_of(x, 0);
