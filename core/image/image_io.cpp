@@ -107,6 +107,22 @@ static const char *format_of(const unsigned char *bytes, size_t size)
     return nullptr;
 }
 
+/* Whether a PNG's chunks lie within its bytes, to the last one. OpenImageIO's reader loses memory when libpng
+ * runs into the end of a file: its read callback's strings are jumped over. */
+static bool is_whole_png(const unsigned char *bytes, size_t size)
+{
+    for (size_t at = 8; size - at >= 12;) {
+        size_t length = (size_t)bytes[at] << 24 | (size_t)bytes[at + 1] << 16 | (size_t)bytes[at + 2] << 8 |
+                        bytes[at + 3];
+        if (length > size - at - 12)
+            return false;
+        if (!memcmp(bytes + at + 4, "IEND", 4))
+            return true;
+        at += 12 + length;
+    }
+    return false;
+}
+
 static float decode_srgb(float value)
 {
     return value <= 0.04045f ? value / 12.92f : std::pow((value + 0.055f) / 1.055f, 2.4f);
@@ -118,6 +134,8 @@ static bool decode(const void *bytes, size_t size, const struct image_decode_par
     const char *format = format_of((const unsigned char *)bytes, size);
     if (!format)
         return error_set(error, STATUS_INVALID, "%s is no PNG, JPEG, EXR or HDR", name);
+    if (!strcmp(format, "png") && !is_whole_png((const unsigned char *)bytes, size))
+        return error_set(error, STATUS_INVALID, "%s: the PNG is truncated", name);
     memory_file file(bytes, size);
     if (!file.is_open())
         return error_set(error, STATUS_IO, "%s: cannot hold %zu bytes in a memory file: %s", name, size,

@@ -75,6 +75,11 @@ void gltf_meshes::add_primitive(const tinygltf::Mesh &mesh, const tinygltf::Prim
     for (size_t i = 0; i < positions.size(); i++)
         if (!std::isfinite(positions[i]))
             gltf_fail(STATUS_INVALID, "%s, vertex %zu: position is not finite", what.c_str(), i / 3);
+    /* A float's step there is 64 m, and areas in it still fit a float. */
+    for (size_t i = 0; i < positions.size(); i++)
+        if (std::fabs(positions[i]) > 1e9f)
+            gltf_fail(STATUS_LIMIT, "%s, vertex %zu: a coordinate of %g is beyond 1e9", what.c_str(), i / 3,
+                      (double)positions[i]);
 
     std::vector<float> normals, uvs;
     if (attribute(primitive, "NORMAL") >= 0)

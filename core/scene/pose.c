@@ -195,7 +195,7 @@ static bool is_finite(const struct affine *a)
 {
     for (int row = 0; row < 3; row++)
         for (int column = 0; column < 4; column++)
-            if (!(fabs(a->m[row][column]) < 1e30))
+            if (!(fabs(a->m[row][column]) < 1e12))
                 return false;
     return true;
 }
@@ -247,7 +247,8 @@ bool scene_pose_set_time(const struct scene *scene, struct scene_pose *pose, dou
         struct affine world = local_transform(&storage->nodes[i]);
         if (storage->nodes[i].parent != SCENE_NONE)
             world = multiply(&storage->worlds[storage->nodes[i].parent], &world);
-        /* A transform that overflows keeps its last finite value (zeros at first). */
+        /* A transform beyond all use keeps its last value (zeros at first): squares of it must fit a float.
+         */
         if (is_finite(&world))
             storage->worlds[i] = world;
     }

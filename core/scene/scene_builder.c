@@ -92,6 +92,18 @@ uint32_t *scene_builder_indices(struct scene_builder *builder, uint32_t count)
     return GROW(indices, index, count, SCENE_MAX_TRIANGLES * 3u, "triangle corners");
 }
 
+static void set_bounds(const struct scene *scene, struct scene_mesh *mesh)
+{
+    for (uint32_t i = 0; i < mesh->vertex_count; i++)
+        for (int axis = 0; axis < 3; axis++) {
+            float value = scene->vertices[mesh->first_vertex + i].position[axis];
+            if (i == 0 || value < mesh->bounds_min[axis])
+                mesh->bounds_min[axis] = value;
+            if (i == 0 || value > mesh->bounds_max[axis])
+                mesh->bounds_max[axis] = value;
+        }
+}
+
 uint32_t scene_builder_mesh(struct scene_builder *builder, const char *name, uint32_t material,
                             uint32_t first_vertex, uint32_t first_index)
 {
@@ -104,6 +116,7 @@ uint32_t scene_builder_mesh(struct scene_builder *builder, const char *name, uin
     mesh->first_index = first_index;
     mesh->triangle_count = (builder->scene->index_count - first_index) / 3;
     mesh->material = material;
+    set_bounds(builder->scene, mesh);
     return builder->scene->mesh_count - 1;
 }
 
@@ -241,36 +254,17 @@ void scene_builder_abandon(struct scene_builder *builder)
     scene_destroy(&builder->scene);
 }
 
-static bool check_mesh(struct scene_builder *builder, struct scene_mesh *mesh)
+static void check_mesh(struct scene_builder *builder, const struct scene_mesh *mesh)
 {
-    struct scene *scene = builder->scene;
-    if (mesh->material >= scene->material_count) {
+    const struct scene *scene = builder->scene;
+    if (mesh->material >= scene->material_count)
         scene_builder_fail(builder, STATUS_INVALID, "mesh \"%s\" has no material %u", mesh->name,
                            mesh->material);
-        return false;
-    }
     const uint32_t *indices = scene->indices + mesh->first_index;
-    for (uint32_t i = 0; i < mesh->triangle_count * 3; i++)
-        if (indices[i] >= mesh->vertex_count) {
+    for (uint32_t i = 0; i < mesh->triangle_count * 3 && scene_builder_ok(builder); i++)
+        if (indices[i] >= mesh->vertex_count)
             scene_builder_fail(builder, STATUS_INVALID, "mesh \"%s\", triangle %u: vertex %u of %u",
                                mesh->name, i / 3, indices[i], mesh->vertex_count);
-            return false;
-        }
-    const struct scene_vertex *vertices = scene->vertices + mesh->first_vertex;
-    for (uint32_t i = 0; i < mesh->vertex_count; i++)
-        for (int axis = 0; axis < 3; axis++) {
-            float value = vertices[i].position[axis];
-            if (!isfinite(value)) {
-                scene_builder_fail(builder, STATUS_INVALID, "mesh \"%s\", vertex %u: position is not finite",
-                                   mesh->name, i);
-                return false;
-            }
-            if (i == 0 || value < mesh->bounds_min[axis])
-                mesh->bounds_min[axis] = value;
-            if (i == 0 || value > mesh->bounds_max[axis])
-                mesh->bounds_max[axis] = value;
-        }
-    return true;
 }
 
 struct scene *scene_builder_finish(struct scene_builder *builder, struct error *error)

@@ -24,7 +24,8 @@ void scene_builder_begin(struct scene_builder *builder, const char *name);
 struct scene_vertex *scene_builder_vertices(struct scene_builder *builder, uint32_t count);
 uint32_t *scene_builder_indices(struct scene_builder *builder, uint32_t count);
 
-/* Makes a mesh of everything in the vertex and index lists from `first_vertex` and `first_index` on. */
+/* Makes a mesh of everything in the vertex and index lists from `first_vertex` and `first_index` on, with its
+ * bounds. */
 uint32_t scene_builder_mesh(struct scene_builder *builder, const char *name, uint32_t material,
                             uint32_t first_vertex, uint32_t first_index);
 
@@ -57,7 +58,7 @@ static inline bool scene_builder_ok(const struct scene_builder *builder)
     return builder->error.status == STATUS_OK;
 }
 
-/* Computes bounds and totals, checks indices and limits. NULL and *error, everything freed, after a failure.
+/* Computes totals, checks indices and limits. NULL and *error, everything freed, after a failure.
  */
 struct scene *scene_builder_finish(struct scene_builder *builder, struct error *error);
 void scene_builder_abandon(struct scene_builder *builder);

@@ -42,6 +42,20 @@ static bool *find_animated_scales(const struct scene *scene)
     return is_animated;
 }
 
+/* Whether the mesh's box stays where squares and areas of coordinates fit a float. */
+static bool is_near(const struct scene_mesh *mesh, const float world[12])
+{
+    for (int corner = 0; corner < 8; corner++) {
+        float point[3];
+        for (int axis = 0; axis < 3; axis++)
+            point[axis] = corner >> axis & 1 ? mesh->bounds_max[axis] : mesh->bounds_min[axis];
+        struct vec3 place = transform_point(world, point);
+        if (!(fmax(fabs(place.x), fmax(fabs(place.y), fabs(place.z))) <= 1e9))
+            return false;
+    }
+    return true;
+}
+
 static struct scene_pose *rest_pose(struct scene_builder *builder)
 {
     if (!scene_builder_ok(builder))
@@ -71,11 +85,13 @@ void scene_drop_collapsed(struct scene_builder *builder)
         /* Below this the inverse leaves the range of float. */
         double largest =
             fmax(vec3_length(row(world, 0)), fmax(vec3_length(row(world, 1)), vec3_length(row(world, 2))));
-        bool is_collapsed =
-            !(fabs(determinant(world)) > 1e-7 * largest * largest * largest) || largest < 1e-12;
+        bool is_collapsed = !(fabs(determinant(world)) > 1e-7 * largest * largest * largest) ||
+                            largest < 1e-12 || !is_near(&scene->meshes[scene->instances[i].mesh], world);
         if (is_collapsed && !has_animated_scale[scene->instances[i].node]) {
-            scene_builder_warn(builder, "node \"%s\": its transform has no volume, its mesh is left out",
-                               scene->nodes[scene->instances[i].node].name);
+            scene_builder_warn(
+                builder,
+                "node \"%s\": its transform has no volume or leads beyond 1e9 m, its mesh is left out",
+                scene->nodes[scene->instances[i].node].name);
             continue;
         }
         scene->instances[kept++] = scene->instances[i];
@@ -199,6 +215,12 @@ static bool add_light(struct scene_builder *builder, struct scene_instance insta
     struct vec3 direction = vec3_unit(surface.direction, vec3_make(0, 0, -1));
     bool is_closed = vec3_length(surface.direction) < 0.02 * surface.area;
     struct vec3 intensity = vec3_scale(emission, is_closed ? surface.area / 4 : surface.area);
+    double strongest = fmax(intensity.x, fmax(intensity.y, intensity.z));
+    if (!(strongest <= 1e12)) {
+        scene_builder_warn(builder, "emissive mesh \"%s\" lights nothing: %.4g W/sr are more than 1e12",
+                           light.name, strongest);
+        return true;
+    }
     vec3_store(light.intensity, intensity);
     struct vec3 position = surface.centroid;
     if (is_closed) {
@@ -207,7 +229,7 @@ static bool add_light(struct scene_builder *builder, struct scene_instance insta
             builder,
             "emissive mesh \"%s\" is closed: a point light in its middle stands in for it, %.4g W/sr, "
             "and its surface is left out",
-            light.name, fmax(intensity.x, fmax(intensity.y, intensity.z)));
+            light.name, strongest);
     } else {
         light.type = LIGHT_SPOT;
         light.outer_cone = (float)(PI / 2);
@@ -220,7 +242,7 @@ static bool add_light(struct scene_builder *builder, struct scene_instance insta
             builder,
             "emissive mesh \"%s\" of %.4g m^2: a cosine emitter before its centre stands in for it, "
             "%.4g W/sr along its normal%s",
-            light.name, surface.area, fmax(intensity.x, fmax(intensity.y, intensity.z)),
+            light.name, surface.area, strongest,
             material->double_sided ? "; its other side gives no light" : "");
     }
     light.node = add_node(builder, instance.node, world, position, direction);

@@ -235,6 +235,26 @@ static void test_nonfinite_positions(void **state)
     }
 }
 
+/* Coordinates whose squares and areas leave the range of float: in a mesh an error, by a transform the node's
+ * end. */
+static void test_far_away(void **state)
+{
+    (void)state;
+    struct triangle far_off = triangle;
+    far_off.positions[3] = 1.1e9f;
+    struct error error = {0};
+    assert_null(glb_import(glb_quote(HEAD NODES MESH DATA), &far_off, sizeof far_off, &error));
+    assert_non_null(strstr(error.message, "mesh \"m\", vertex 1: a coordinate of 1.1e+09"));
+    struct scene *scene = glb_import(glb_quote(HEAD "'nodes':[{'mesh':0},{'name':'far','mesh':0,'translation'"
+                                                    ":[0,2e9,0]},{'mesh':0,'scale':[1e30,1e30,"
+                                                    "1e30],'name':'vast'}]," MESH DATA),
+                                     &triangle, sizeof triangle, &error);
+    assert_non_null(scene);
+    assert_int_equal(scene->instance_count, 1);
+    assert_true(scene_warns(scene, "\"far\"") && scene_warns(scene, "\"vast\""));
+    scene_destroy(&scene);
+}
+
 /* Cut at every length, nothing of it is accepted and nothing outside it is read (a sanitizer build would
  * say). */
 static void test_truncated(void **state)
@@ -366,7 +386,7 @@ int main(void)
         cmocka_unit_test(test_nonfinite_positions), cmocka_unit_test(test_truncated),
         cmocka_unit_test(test_lying_lengths),       cmocka_unit_test(test_nesting_bombs),
         cmocka_unit_test(test_too_many_values),     cmocka_unit_test(test_too_many_instances),
-        cmocka_unit_test(test_hostile_names),
+        cmocka_unit_test(test_hostile_names),       cmocka_unit_test(test_far_away),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

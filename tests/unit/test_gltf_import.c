@@ -361,7 +361,7 @@ static void test_collapsed_instance(void **state)
     struct scene *scene = import_triangle("{'asset':{'version':'2.0'},'nodes':[{'name':'gone','mesh':0,'"
                                           "scale':[1,0,1]},{'mesh':0}]," TRIANGLE_MESH TRIANGLE_BUFFERS "}");
     assert_int_equal(scene->instance_count, 1);
-    assert_true(scene_warns(scene, "\"gone\": its transform has no volume"));
+    assert_true(scene_warns(scene, "node \"gone\": its transform has no volume"));
     scene_destroy(&scene);
 }
 
