@@ -79,6 +79,21 @@ static void describe_peer(int fd, const struct sockaddr_storage *address, sockle
         snprintf(text, capacity, "a local client");
 }
 
+/* Small replies go out at once, and a client whose machine vanished is noticed although it is owed nothing.
+ */
+static void tune_tcp(int fd)
+{
+    static const struct {
+        int level, option, value;
+    } options[] = {{IPPROTO_TCP, TCP_NODELAY, 1},
+                   {SOL_SOCKET, SO_KEEPALIVE, 1},
+                   {IPPROTO_TCP, TCP_KEEPIDLE, 60},
+                   {IPPROTO_TCP, TCP_KEEPINTVL, 10},
+                   {IPPROTO_TCP, TCP_KEEPCNT, 6}};
+    for (size_t i = 0; i < sizeof options / sizeof *options; i++)
+        setsockopt(fd, options[i].level, options[i].option, &options[i].value, sizeof options[i].value);
+}
+
 static void refuse(struct network *network, int fd, const char *reason)
 {
     uint8_t bytes[1024];
@@ -144,9 +159,8 @@ static void accept_clients(struct network *network, int listener)
             refuse(network, fd, reason);
             continue;
         }
-        int yes = 1;
         if (address.ss_family != AF_UNIX)
-            setsockopt(fd, IPPROTO_TCP, TCP_NODELAY, &yes, sizeof yes);
+            tune_tcp(fd);
         char peer[96];
         describe_peer(fd, &address, size, peer, sizeof peer);
         adopt(network, fd, peer);
@@ -347,7 +361,8 @@ void network_destroy(struct network **network)
     if (!*network)
         return;
     if ((*network)->context) {
-        lws_sul_cancel(&(*network)->tick);
+        /* lws_sul_cancel came with 4.1; Ubuntu 22.04 has 4.0 */
+        lws_sul_schedule((*network)->context, 0, &(*network)->tick, on_tick, LWS_SET_TIMER_USEC_CANCEL);
         lws_context_destroy((*network)->context);
     }
     if ((*network)->spare_descriptor >= 0)
