@@ -113,7 +113,7 @@ void builtin_prism(struct scene_builder *builder)
     scene_name_copy(sun.name, "sun");
     sun.node = add_looking(builder, sun.name, vec3_make(-2, 2.6, 0.5), vec3_make(0, 0.6, 0));
     scene_builder_light(builder, &sun);
-    add_camera(builder, vec3_make(1.2, 2.6, 3.4), vec3_make(0.2, 0.2, 0), 36);
+    add_camera(builder, vec3_make(1.7, 1.7, 1.9), vec3_make(0.25, 0.25, 0), 36);
 }
 
 void builtin_cube(struct scene_builder *builder)
@@ -122,12 +122,12 @@ void builtin_cube(struct scene_builder *builder)
              yellow = add_diffuse(builder, "yellow", 0.9, 0.65, 0.05);
     place(builder, "floor", shape_floor(builder, "floor", floor, vec3_make(0, 0, 0), 12));
     place(builder, "cube",
-          shape_box(builder, "cube", glass, vec3_make(-0.5, 0.05, -0.5), vec3_make(0.5, 1.05, 0.5)));
-    struct vec3 axis = vec3_unit(vec3_make(0.25, 1, 0.45), vec3_make(0, 1, 0));
+          shape_box(builder, "cube", glass, vec3_make(-0.5, 0.3, -0.5), vec3_make(0.5, 1.3, 0.5)));
+    struct vec3 axis = vec3_unit(vec3_make(0.35, 1, 0.8), vec3_make(0, 1, 0));
     place(builder, "torus",
-          shape_torus(builder, "torus", yellow, vec3_make(0, 0.5, 0), axis, 0.27, 0.1, 128, 64));
-    add_lamp(builder, vec3_make(0.9, 2.6, 0.5), 20);
-    add_camera(builder, vec3_make(1.6, 1.9, 2.9), vec3_make(0, 0.4, 0), 32);
+          shape_torus(builder, "torus", yellow, vec3_make(0, 0.78, 0), axis, 0.27, 0.1, 128, 64));
+    add_lamp(builder, vec3_make(1.1, 2.9, 0.4), 24);
+    add_camera(builder, vec3_make(-1.3, 1.9, 3), vec3_make(-0.1, 0.5, 0), 34);
 }
 
 void builtin_no_caster(struct scene_builder *builder)

@@ -6,6 +6,17 @@
 /* Elements an accessor may have that no bytes in the file stand for (all zero, or sparse over zero). */
 static constexpr size_t max_unbacked = size_t(4) << 20;
 
+/* Numbers read over a whole file: the largest scene that scene.h allows needs some 700 million. */
+static constexpr uint64_t max_values = uint64_t(1) << 30;
+
+static void count_values(const gltf_document &document, uint64_t values, const std::string &what)
+{
+    document.values_read += values;
+    if (document.values_read > max_values)
+        gltf_fail(STATUS_LIMIT, "%s: with it the file has more than %llu numbers to read", what.c_str(),
+                  (unsigned long long)max_values);
+}
+
 static size_t component_bytes(int component_type, const std::string &what)
 {
     switch (component_type) {
@@ -170,6 +181,7 @@ std::vector<float> gltf_read_floats(const gltf_document &document, int index, in
 {
     const tinygltf::Accessor &accessor = gltf_accessor(document, index, type, limit, what);
     size_t width = component_count(type), bytes = component_bytes(accessor.componentType, what);
+    count_values(document, accessor.count * width, what);
     span source = {nullptr, 0};
     if (accessor.bufferView >= 0)
         source = find_span(document, accessor.bufferView, accessor.byteOffset, accessor.count, width * bytes,
@@ -193,6 +205,7 @@ std::vector<uint32_t> gltf_read_indices(const gltf_document &document, int index
     if (!is_unsigned_type(accessor.componentType))
         gltf_fail(STATUS_INVALID, "%s: indices of component type %d", what.c_str(), accessor.componentType);
     size_t bytes = component_bytes(accessor.componentType, what);
+    count_values(document, accessor.count, what);
     span source = {nullptr, 0};
     if (accessor.bufferView >= 0)
         source =

@@ -50,6 +50,8 @@ struct gltf_document {
     tinygltf::Model model;
     gltf_folder folder;
     std::vector<std::string> warnings; /* of the parser */
+    mutable uint64_t values_read = 0;  /* numbers out of accessors, against a limit: a small file can name the
+                                          same  accessor a million times */
 };
 
 /* Whole file at `path`; refuses what is not a regular file or passes SCENE_MAX_FILE_BYTES. */

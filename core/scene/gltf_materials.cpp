@@ -45,7 +45,7 @@ struct texture_reader {
     gltf_folder &folder;
     scene_builder *builder;
     std::map<image_key, uint32_t> known;
-    uint64_t texels = 0;
+    uint64_t texels = 0, encoded_bytes = 0;
 
     uint32_t read(int texture_index, const std::string &what);
     std::vector<unsigned char> bytes(const tinygltf::Image &image);
@@ -95,6 +95,10 @@ uint32_t texture_reader::read(int texture_index, const std::string &what)
         return found->second;
     std::string name = what + ", image " + std::to_string(texture.source);
     std::vector<unsigned char> encoded = bytes(model.images[(size_t)texture.source]);
+    encoded_bytes += encoded.size();
+    if (encoded_bytes > SCENE_MAX_FILE_BYTES)
+        gltf_fail(STATUS_LIMIT, "%s: all images together have more than %llu bytes", name.c_str(),
+                  (unsigned long long)SCENE_MAX_FILE_BYTES);
     image_decode_params params = {};
     params.name = name.c_str();
     params.max_size = SCENE_MAX_IMAGE_SIZE;

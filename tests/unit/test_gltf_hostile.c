@@ -358,6 +358,30 @@ static void test_too_many_instances(void **state)
     free(text);
 }
 
+/* Primitives that each name four million positions and draw nothing with them: no vertex is kept, but reading
+ * has an end. */
+static void test_too_much_reading(void **state)
+{
+    (void)state;
+    const int count = 100000;
+    static const char primitive[] = "{\"attributes\":{\"POSITION\":0},\"indices\":1,\"mode\":5},";
+    char *text = malloc((size_t)count * sizeof primitive + 1024);
+    assert_non_null(text);
+    size_t at = (size_t)sprintf(text, "{\"asset\":{\"version\":\"2.0\"},\"nodes\":[{\"mesh\":0}],"
+                                      "\"meshes\":[{\"primitives\":[");
+    for (int i = 0; i < count; i++, at += sizeof primitive - 1)
+        memcpy(text + at, primitive, sizeof primitive);
+    strcpy(text + at - 1, glb_quote("]}]," BUFFER "'bufferViews':[{'buffer':0,'byteLength':80}],'accessors':["
+                                    "{'componentType':5126,'count':4000000,'type':'VEC3'},"
+                                    "{'bufferView':0,'componentType':5121,'count':3,'type':'SCALAR'}]}"));
+    static const unsigned char zeros[80];
+    struct error error = {0};
+    assert_null(glb_import(text, zeros, sizeof zeros, &error));
+    assert_int_equal(error.status, STATUS_LIMIT);
+    assert_non_null(strstr(error.message, "numbers to read"));
+    free(text);
+}
+
 /* Names with escape sequences, and longer than any field, come out harmless. */
 static void test_hostile_names(void **state)
 {
@@ -382,11 +406,17 @@ static void test_hostile_names(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_the_honest_file),     cmocka_unit_test(test_cases),
-        cmocka_unit_test(test_nonfinite_positions), cmocka_unit_test(test_truncated),
-        cmocka_unit_test(test_lying_lengths),       cmocka_unit_test(test_nesting_bombs),
-        cmocka_unit_test(test_too_many_values),     cmocka_unit_test(test_too_many_instances),
-        cmocka_unit_test(test_hostile_names),       cmocka_unit_test(test_far_away),
+        cmocka_unit_test(test_the_honest_file),
+        cmocka_unit_test(test_cases),
+        cmocka_unit_test(test_nonfinite_positions),
+        cmocka_unit_test(test_truncated),
+        cmocka_unit_test(test_lying_lengths),
+        cmocka_unit_test(test_nesting_bombs),
+        cmocka_unit_test(test_too_many_values),
+        cmocka_unit_test(test_too_many_instances),
+        cmocka_unit_test(test_too_much_reading),
+        cmocka_unit_test(test_hostile_names),
+        cmocka_unit_test(test_far_away),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
