@@ -158,9 +158,6 @@ static void visit_sparse(const gltf_document &document, const tinygltf::Accessor
         gltf_fail(STATUS_INVALID, "%s: %d sparse values for %zu elements", what.c_str(),
                   accessor.sparse.count, accessor.count);
     size_t count = (size_t)accessor.sparse.count, index_bytes = component_bytes(index_type, what);
-    /* tinygltf holds these offsets as int, so anything beyond was wrapped: a negative one is refused here. */
-    if (accessor.sparse.indices.byteOffset < 0 || accessor.sparse.values.byteOffset < 0)
-        gltf_fail(STATUS_INVALID, "%s: a sparse offset is negative", what.c_str());
     span indices = find_span(document, accessor.sparse.indices.bufferView,
                              (uint64_t)accessor.sparse.indices.byteOffset, count, index_bytes, false, what);
     span values = find_span(document, accessor.sparse.values.bufferView,

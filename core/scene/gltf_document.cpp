@@ -315,6 +315,34 @@ static void check_buffers(const json &root, size_t binary_size)
     }
 }
 
+/* tinygltf's versions differ in what they make of a number that is not one: 0, a wrapped int, or an error. */
+static void check_accessors(const json &root)
+{
+    const json &accessors = list(root, "accessors", max_list);
+    for (size_t i = 0; i < accessors.size(); i++) {
+        std::string where = "accessor " + std::to_string(i);
+        unsigned_member(accessors[i], "byteOffset", false, 0, where);
+        unsigned_member(accessors[i], "count", true, 0, where);
+        unsigned_member(accessors[i], "bufferView", false, 0, where);
+        auto sparse = accessors[i].find("sparse");
+        if (sparse == accessors[i].end())
+            continue;
+        where += ", sparse";
+        if (!sparse->is_object())
+            gltf_fail(STATUS_INVALID, "%s is not an object", where.c_str());
+        if (unsigned_member(*sparse, "count", true, 0, where) > SCENE_MAX_VERTICES)
+            gltf_fail(STATUS_LIMIT, "%s: \"count\" is beyond %u", where.c_str(), SCENE_MAX_VERTICES);
+        for (const char *part : {"indices", "values"}) {
+            auto found = sparse->find(part);
+            if (found == sparse->end() || !found->is_object())
+                gltf_fail(STATUS_INVALID, "%s has no \"%s\"", where.c_str(), part);
+            unsigned_member(*found, "bufferView", true, 0, where);
+            if (unsigned_member(*found, "byteOffset", false, 0, where) > SCENE_MAX_FILE_BYTES)
+                gltf_fail(STATUS_INVALID, "%s: \"byteOffset\" is beyond any buffer", where.c_str());
+        }
+    }
+}
+
 static void check_json(const char *text, size_t size, size_t binary_size)
 {
     json root;
@@ -335,7 +363,7 @@ static void check_json(const char *text, size_t size, size_t binary_size)
                   gltf_quoted(version).c_str());
     check_extensions(root);
     check_buffers(root, binary_size);
-    list(root, "accessors", max_list);
+    check_accessors(root);
     list(root, "nodes", SCENE_MAX_NODES);
     list(root, "scenes", max_list);
     list(root, "materials", SCENE_MAX_MATERIALS);

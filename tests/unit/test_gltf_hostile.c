@@ -151,7 +151,19 @@ static const struct {
      WITH_POSITIONS(
          "{'bufferView':0,'componentType':5126,'count':3,'type':'VEC3','sparse':{'count':1,'indices':"
          "{'bufferView':2,'byteOffset':-2,'componentType':5121},'values':{'bufferView':1}}}"),
-     "POSITION", STATUS_INVALID},
+     "accessor 0, sparse: \"byteOffset\" is not a whole number", STATUS_INVALID},
+    {"sparse offset that wraps",
+     WITH_POSITIONS(
+         "{'bufferView':0,'componentType':5126,'count':3,'type':'VEC3','sparse':{'count':1,'indices':"
+         "{'bufferView':2,'byteOffset':4294967296,'componentType':5121},'values':{'bufferView':1}}}"),
+     "beyond any buffer", STATUS_INVALID},
+    {"sparse without values",
+     WITH_POSITIONS(
+         "{'bufferView':0,'componentType':5126,'count':3,'type':'VEC3','sparse':{'count':1,'indices':"
+         "{'bufferView':2,'componentType':5121}}}"),
+     "accessor 0, sparse has no \"values\"", STATUS_INVALID},
+    {"half a count", WITH_POSITIONS("{'bufferView':0,'componentType':5126,'count':2.5,'type':'VEC3'}"),
+     "accessor 0: \"count\" is not a whole number", STATUS_INVALID},
     {"float indices",
      HEAD NODES "'meshes':[{'primitives':[{'attributes':{'POSITION':1},'indices':0}]}]," BUFFER VIEWS
                 "'accessors':[{'bufferView':0,'componentType':5126,'count':3,'type':'SCALAR'}," NORMALS "]}",
