@@ -29,8 +29,11 @@ double seconds_now(void)
 static void find_program(const char *program, char *path, size_t size)
 {
     const char *folder = getenv("CAUSTICD_BIN_DIR");
-    if (!folder)
+    path[0] = 0;
+    if (!folder) {
         fail_msg("CAUSTICD_BIN_DIR is not set: run the tests through ctest");
+        return;
+    }
     snprintf(path, size, "%s/%s", folder, program);
     if (access(path, X_OK) != 0)
         fail_msg("%s was not built", path);
