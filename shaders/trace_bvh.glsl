@@ -318,7 +318,7 @@ trace_hit bvh_trace(vec3 origin, vec3 direction, float t_max, bool any)
     hit.instance = TRACE_MISS;
     hit.triangle = 0u;
     hit.barycentrics = vec2(0.0);
-    bool is_packet = gl_SubgroupSize <= 16u && bitCount(subgroupBallot(true).x) == gl_SubgroupSize;
+    bool is_packet = gl_SubgroupSize == PACKET_LANES && bitCount(subgroupBallot(true).x) == gl_SubgroupSize;
     if (is_packet)
         bvh_packet_trace(origin, direction, any, hit);
     else
