@@ -22,7 +22,7 @@ layout(push_constant) uniform push_block { uint parity; };
 
 const uint LAST_NONE = 0u, LAST_REFLECT = 1u, LAST_REFRACT = 2u;
 const uint SPLITS_MAX = 6u;
-const float SPLIT_SHARE_MIN = 1e-3; // of the emitted flux; tuned on glass of many interfaces, design 5
+const float SPLIT_SHARE_MIN = 1e-2; // of the emitted flux; 1e-3 cost 30 % more rays for the same error on `sphere`
 
 // Fate of this thread's ray and what it did, for the ledger.
 uint fate = FATE_NONE;

@@ -55,6 +55,24 @@ void main()
                 add_pixel(uint(at.y * size.x + at.x), value);
                 evaluated = inside = reached = 1u;
             }
+        } else if (AA == AA_FILTER && p.ellipse.w < 0.0) {
+            // a box of these sides over at most two by two pixels: each gets its share
+            vec2 low = center - 0.5 * p.ellipse.xy;
+            vec2 first = floor(low);
+            vec2 share = clamp((first + 1.0 - low) / max(p.ellipse.xy, vec2(1e-6)), vec2(0.0), vec2(1.0));
+            for (uint k = 0u; k < 4u; k++) {
+                ivec2 at = ivec2(first) + ivec2(int(k & 1u), int(k >> 1));
+                float part = ((k & 1u) == 0u ? share.x : 1.0 - share.x) * ((k >> 1) == 0u ? share.y : 1.0 - share.y);
+                if (part > 0.0 && all(greaterThanEqual(at, ivec2(0))) && all(lessThan(at, size))) {
+                    evaluated++;
+                    inside++;
+                    uint pixel = uint(at.y * size.x + at.x);
+                    if (target_accepts(targets[pixel], p.position.xyz, normal, p.density.w)) {
+                        reached = 1u;
+                        add_pixel(pixel, value * part);
+                    }
+                }
+            }
         } else {
             float u00 = p.ellipse.x, u01 = p.ellipse.y, u11 = p.ellipse.z;
             float a = u00 * u00 - w.x * w.x;

@@ -78,7 +78,8 @@ static bool upload_vertices(struct renderer *r, struct error *error)
             vertices[i].position_u = (vec4){v->position[0], v->position[1], v->position[2], v->uv[0]};
             vertices[i].normal_v = (vec4){v->normal[0], v->normal[1], v->normal[2], v->uv[1]};
         }
-        memcpy(indices, scene->indices, index_bytes);
+        if (index_bytes > 0)
+            memcpy(indices, scene->indices, index_bytes);
         for (uint32_t m = 0; m < scene->mesh_count; m++) {
             const struct scene_mesh *mesh = &scene->meshes[m];
             for (uint32_t i = 0; i < 3 * mesh->triangle_count; i++)

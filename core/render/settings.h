@@ -23,7 +23,7 @@ enum tile_fit { TILE_FIT_CASTERS, TILE_FIT_FULL };
 /* S(name, type, minimum, maximum, default, choices, help) */
 #define SETTINGS(S)                                                                                               \
     S(photons, INT, 1, 4194304, 131072, "", "budget: most photons emitted per frame")                             \
-    S(target_area, FLOAT, 1e-3, 1e5, 2, "", "wanted mean projected area of a photon, px^2; smaller: more photons") \
+    S(target_area, FLOAT, 1e-3, 1e5, 0.1, "", "wanted mean projected area of a photon, px^2; smaller: more photons") \
     S(density, CHOICE, 0, 2, DENSITY_SQRT, "sqrt,area,uniform", "how density follows what photons did: sqrt of area times flux, area alone (the papers), or not at all") \
     S(variance_gain, FLOAT, 0, 1e6, 2, "", "extra photons per cell where the picture changes over time")          \
     S(temporal_weight, FLOAT, 0, 1, 0.5, "", "w_t: share of the newly suggested density; the rest is the neighbourhood's last") \

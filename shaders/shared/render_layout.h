@@ -161,7 +161,8 @@ SHARED_SIZE(photon_ray, 112);
  * r^2 = |U o|^2 / (1 + w.o)^2 is the squared radius in its ellipse: exact under perspective. */
 struct photon {
     vec4 position;  /* relative to the eye; w: normal, octahedral 2x16 bits */
-    vec4 ellipse;   /* U, upper triangular: u00, u01, u11, 1/px; w: half height of its box, px */
+    vec4 ellipse;   /* U, upper triangular: u00, u01, u11, 1/px; w: half height of its box, px. w < 0: a box of
+                       sides x, y px instead, at most 1 px each */
     vec4 center;    /* px; zw: w */
     vec4 density;   /* rgb irradiance of the kernel at its middle, W/m^2, or flux for aa=pixel; w: plane slack, m */
     uint cell;      /* NONE: not drawn */
