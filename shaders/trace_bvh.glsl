@@ -13,46 +13,53 @@
 #extension GL_KHR_shader_subgroup_ballot : require
 #extension GL_KHR_shader_subgroup_shuffle : require
 
-layout(std430, binding = BINDING_NODES) readonly buffer node_buffer { bvh_node bvh_nodes[]; };
+layout(std430, binding = BINDING_NODES) readonly buffer node_buffer { uvec4 bvh_nodes[]; }; // two a node
 layout(std430, binding = BINDING_TRIANGLES) readonly buffer triangle_buffer { bvh_triangle bvh_triangles[]; };
-// The same memory in pieces of two words, for packets.
-layout(std430, binding = BINDING_NODES) readonly buffer node_piece_buffer { uvec2 bvh_node_pieces[]; };
+// The same memory in pieces, for packets.
+layout(std430, binding = BINDING_NODES) readonly buffer node_piece_buffer { uint bvh_node_pieces[]; };
 layout(std430, binding = BINDING_TRIANGLES) readonly buffer triangle_piece_buffer { uvec2 bvh_triangle_pieces[]; };
 layout(std430, binding = BINDING_INSTANCES) readonly buffer instance_piece_buffer { uvec2 bvh_instance_pieces[]; };
 
+// A shader in which every invocation calls trace_*, a lane without a ray with t_max 0, says so before it includes
+// trace.glsl: drivers that mask branches instead of skipping them (Mesa 22.3) are then spared the way lane by lane.
+#ifndef TRACE_ALL_LANES
+#define TRACE_ALL_LANES false
+#endif
+
 uint trace_guard = 0u;
 
-// Three roundings on each side must not lose a box that the ray only grazes.
-const float BVH_LEAVE_SLACK = 1.0000004;
-const uint BVH_DONE = 0xffffffffu; // a leaf, so that loops over inner nodes end
+// Five roundings on each side must not lose a box that the ray only grazes.
+const float BVH_LEAVE_SLACK = 1.000001;
 
 struct bvh_ray {
     vec3 origin;
-    vec3 inverse;
+    vec3 grid_shift, grid_inverse; // from the origin to the grid's, and 1 / direction, in steps of the tree's grid
     // Rows that shear a point, seen from the origin, so that the ray becomes the z axis: 1 and 0 but for the shear.
     vec3 row_x, row_y, row_z;
 };
 
-bvh_ray bvh_prepare(vec3 origin, vec3 direction)
+bvh_ray bvh_prepare(vec3 origin, vec3 direction, vec3 grid_start, vec3 grid_scale)
 {
     bvh_ray ray;
     ray.origin = origin;
     vec3 size = abs(direction);
     // Never 0 x infinity in the slabs, yet a direction component of 0 keeps its meaning: 0 / 1e-20 is inside.
-    ray.inverse = 1.0 / mix(direction, mix(vec3(1e-20), vec3(-1e-20), lessThan(direction, vec3(0.0))),
-                            lessThan(size, vec3(1e-20)));
+    vec3 inverse = 1.0 / mix(direction, mix(vec3(1e-20), vec3(-1e-20), lessThan(direction, vec3(0.0))),
+                             lessThan(size, vec3(1e-20)));
+    ray.grid_shift = (grid_start - origin) * (1.0 / grid_scale);
+    ray.grid_inverse = inverse * grid_scale;
     if (size.z >= size.x && size.z >= size.y) {
-        ray.row_z = vec3(0.0, 0.0, ray.inverse.z);
-        ray.row_x = vec3(1.0, 0.0, -(direction.x * ray.inverse.z));
-        ray.row_y = vec3(0.0, 1.0, -(direction.y * ray.inverse.z));
+        ray.row_z = vec3(0.0, 0.0, inverse.z);
+        ray.row_x = vec3(1.0, 0.0, -(direction.x * inverse.z));
+        ray.row_y = vec3(0.0, 1.0, -(direction.y * inverse.z));
     } else if (size.y >= size.x) {
-        ray.row_z = vec3(0.0, ray.inverse.y, 0.0);
-        ray.row_x = vec3(0.0, -(direction.z * ray.inverse.y), 1.0);
-        ray.row_y = vec3(1.0, -(direction.x * ray.inverse.y), 0.0);
+        ray.row_z = vec3(0.0, inverse.y, 0.0);
+        ray.row_x = vec3(0.0, -(direction.z * inverse.y), 1.0);
+        ray.row_y = vec3(1.0, -(direction.x * inverse.y), 0.0);
     } else {
-        ray.row_z = vec3(ray.inverse.x, 0.0, 0.0);
-        ray.row_x = vec3(-(direction.y * ray.inverse.x), 1.0, 0.0);
-        ray.row_y = vec3(-(direction.z * ray.inverse.x), 0.0, 1.0);
+        ray.row_z = vec3(inverse.x, 0.0, 0.0);
+        ray.row_x = vec3(-(direction.y * inverse.x), 1.0, 0.0);
+        ray.row_y = vec3(-(direction.z * inverse.x), 0.0, 1.0);
     }
     return ray;
 }
@@ -84,15 +91,21 @@ bool bvh_triangle_test(bvh_ray ray, vec3 p0, vec3 p1, vec3 p2, inout trace_hit h
 
 // ---- lane by lane ---------------------------------------------------------------------------------------
 
+// (left minimum, left maximum, right minimum, right maximum) on the grid.
+vec4 bvh_planes(uvec2 spans)
+{
+    return vec4(ivec4(spans.x & 0xffffu, spans.x >> 16, spans.y & 0xffffu, spans.y >> 16));
+}
+
 // Where the ray enters and leaves the two children of a node: (left enter, left leave, right enter, right leave), as the
 // bits of floats. Floats that are not negative are in the order of their bits, and a negative one is below all others
 // either way: what counts here is only the order of distances ahead of the origin. Drivers spend three instructions on a
 // minimum of floats, for the sake of NaN, and one on integers.
 ivec4 bvh_enter_leave(bvh_ray ray, vec4 nx, vec4 ny, vec4 nz, float t_max)
 {
-    ivec4 x = floatBitsToInt((nx - ray.origin.x) * ray.inverse.x);
-    ivec4 y = floatBitsToInt((ny - ray.origin.y) * ray.inverse.y);
-    ivec4 z = floatBitsToInt((nz - ray.origin.z) * ray.inverse.z);
+    ivec4 x = floatBitsToInt((nx + ray.grid_shift.x) * ray.grid_inverse.x);
+    ivec4 y = floatBitsToInt((ny + ray.grid_shift.y) * ray.grid_inverse.y);
+    ivec4 z = floatBitsToInt((nz + ray.grid_shift.z) * ray.grid_inverse.z);
     ivec2 enter = max(max(min(x.xz, x.yw), min(y.xz, y.yw)), max(min(z.xz, z.yw), ivec2(0)));
     ivec2 leave = min(min(max(x.xz, x.yw), max(y.xz, y.yw)), max(z.xz, z.yw));
     leave = min(floatBitsToInt(intBitsToFloat(leave) * BVH_LEAVE_SLACK), floatBitsToInt(t_max));
@@ -108,14 +121,15 @@ void bvh_lane_descend(bvh_ray ray, uint root, float t_max, inout uint reference,
                       inout uint stack_size, inout uint steps)
 {
     while ((reference & BVH_LEAF) == 0u) {
-        bvh_node node = bvh_nodes[root + reference];
-        ivec4 span = bvh_enter_leave(ray, node.x, node.y, node.z, t_max);
+        uvec4 low = bvh_nodes[2u * (root + reference)]; // left x, right x, left y, right y
+        uvec4 high = bvh_nodes[2u * (root + reference) + 1u]; // left z, right z, references
+        ivec4 span = bvh_enter_leave(ray, bvh_planes(low.xy), bvh_planes(low.zw), bvh_planes(high.xy), t_max);
         bool left = span.x <= span.y;
         bool right = span.z <= span.w;
         bool right_first = right && (!left || span.z < span.x);
-        uint near = right_first ? node.child.y : node.child.x;
+        uint near = right_first ? high.w : high.z;
         if (left && right) {
-            bvh_stack[min(stack_size, uint(2 * BVH_MAX_DEPTH - 1))] = right_first ? node.child.x : node.child.y;
+            bvh_stack[min(stack_size, uint(2 * BVH_MAX_DEPTH - 1))] = right_first ? high.z : high.w;
             stack_size++;
         } else if (!(left || right)) {
             near = BVH_DONE;
@@ -133,10 +147,13 @@ void bvh_lane_descend(bvh_ray ray, uint root, float t_max, inout uint reference,
 
 void bvh_lane_trace(vec3 origin, vec3 direction, bool any, inout trace_hit hit)
 {
-    bvh_ray world = bvh_prepare(origin, direction);
+    uvec4 header = bvh_nodes[0];
+    uvec4 header_end = bvh_nodes[1];
+    bvh_ray world = bvh_prepare(origin, direction, uintBitsToFloat(header.xyz),
+                                uintBitsToFloat(uvec3(header.w, header_end.xy)));
     uint steps = 0u;
     uint top_size = 0u;
-    uint top = 0u;
+    uint top = header_end.z;
     while (true) {
         bvh_lane_descend(world, 0u, hit.t, top, 0u, top_size, steps);
         if (top == BVH_DONE)
@@ -144,12 +161,15 @@ void bvh_lane_trace(vec3 origin, vec3 direction, bool any, inout trace_hit hit)
         uint instance = top & BVH_INDEX_MASK;
         scene_instance_gpu data = scene_instances[instance];
         vec4 point = vec4(origin, 1.0);
+        header = bvh_nodes[2u * data.bvh_root];
+        header_end = bvh_nodes[2u * data.bvh_root + 1u];
         bvh_ray ray = bvh_prepare(
             vec3(dot(data.to_object[0], point), dot(data.to_object[1], point), dot(data.to_object[2], point)),
             vec3(dot(data.to_object[0].xyz, direction), dot(data.to_object[1].xyz, direction),
-                 dot(data.to_object[2].xyz, direction)));
+                 dot(data.to_object[2].xyz, direction)),
+            uintBitsToFloat(header.xyz), uintBitsToFloat(uvec3(header.w, header_end.xy)));
         uint stack_size = top_size;
-        uint reference = 0u;
+        uint reference = header_end.z;
         while (true) {
             bvh_lane_descend(ray, data.bvh_root, hit.t, reference, top_size, stack_size, steps);
             if (reference == BVH_DONE)
@@ -191,6 +211,18 @@ float packet_float(uint piece, uint lane)
     return uintBitsToFloat(subgroupShuffle(piece, lane));
 }
 
+vec3 packet_vector(uint piece, uint lane)
+{
+    return vec3(packet_float(piece, lane), packet_float(piece, lane + 1u), packet_float(piece, lane + 2u));
+}
+
+// Two children's spans, from lane `lane` and the next.
+vec4 packet_planes(vec2 planes, uint lane)
+{
+    return vec4(subgroupShuffle(planes.x, lane), subgroupShuffle(planes.y, lane), subgroupShuffle(planes.x, lane + 1u),
+                subgroupShuffle(planes.y, lane + 1u));
+}
+
 // Sum over the packet; callers keep counts in separate bits of one word.
 uint packet_sum(uint value)
 {
@@ -200,69 +232,72 @@ uint packet_sum(uint value)
     return value;
 }
 
-// A stack of references laid across the lanes: entry i lies in lane i % 8 of word i / 8.
+// A stack of references laid across the lanes: entry i lies in lane i % 8 of word i / 8. Entry 0 is BVH_DONE.
 struct packet_stack {
     uvec4 words;
     uint size;
 };
 
+packet_stack packet_stack_empty()
+{
+    return packet_stack(uvec4(BVH_DONE), 1u);
+}
+
 void packet_push(inout packet_stack stack, uint reference, bool is_wanted)
 {
-    uint slot = packet_lane();
     stack.words = mix(stack.words, uvec4(reference),
-                      equal(uvec4(is_wanted ? stack.size : 0xffffffffu), slot + uvec4(0u, 8u, 16u, 24u)));
+                      equal(uvec4(is_wanted ? stack.size : 0xffffffffu), packet_lane() + uvec4(0u, 8u, 16u, 24u)));
     stack.size += is_wanted ? 1u : 0u;
 }
 
-uint packet_top(packet_stack stack)
+uint packet_pop(inout packet_stack stack, bool is_wanted)
 {
     uint last = stack.size - 1u;
     uint word = last < 16u ? (last < 8u ? stack.words.x : stack.words.y) : (last < 24u ? stack.words.z : stack.words.w);
-    return stack.size > 0u ? subgroupShuffle(word, last & 7u) : BVH_DONE;
+    stack.size = is_wanted ? last : stack.size;
+    return subgroupShuffle(word, last & 7u);
 }
 
+// Goes from `reference` to the next leaf, BVH_DONE when none is left.
 void bvh_packet_descend(bvh_ray ray, uint root, float t_max, inout uint reference, inout packet_stack stack,
                         inout uint steps)
 {
-    while ((reference & BVH_LEAF) == 0u) {
-        uvec2 piece = bvh_node_pieces[(root + reference) * 8u + packet_lane()];
-        vec4 nx = vec4(packet_float(piece.x, 0u), packet_float(piece.y, 0u), packet_float(piece.x, 1u), packet_float(piece.y, 1u));
-        vec4 ny = vec4(packet_float(piece.x, 2u), packet_float(piece.y, 2u), packet_float(piece.x, 3u), packet_float(piece.y, 3u));
-        vec4 nz = vec4(packet_float(piece.x, 4u), packet_float(piece.y, 4u), packet_float(piece.x, 5u), packet_float(piece.y, 5u));
-        uint left_child = subgroupShuffle(piece.x, 6u);
-        uint right_child = subgroupShuffle(piece.y, 6u);
-        ivec4 span = bvh_enter_leave(ray, nx, ny, nz, t_max);
+    // Kept from round to round: as one value it is spilled once for the lanes' loads, not part by part.
+    uint piece_index = (root + reference) * 8u + packet_lane();
+    while ((reference & BVH_LEAF) == 0u && steps < BVH_MAX_STEPS) {
+        steps++;
+        uint piece = bvh_node_pieces[piece_index];
+        vec2 planes = vec2(ivec2(piece & 0xffffu, piece >> 16));
+        ivec4 span = bvh_enter_leave(ray, packet_planes(planes, 0u), packet_planes(planes, 2u),
+                                     packet_planes(planes, 4u), t_max);
+        uint left_child = subgroupShuffle(piece, 6u);
+        uint right_child = subgroupShuffle(piece, 7u);
         bool left = span.x <= span.y;
         bool right = span.z <= span.w;
         bool right_first = right && (!left || span.z < span.x);
-        // lanes that want left, right, and right before left
-        uint votes = packet_sum((left ? 1u : 0u) + (right ? 0x100u : 0u) + (right_first ? 0x10000u : 0u));
-        bool any_left = (votes & 0xffu) != 0u;
-        bool any_right = (votes & 0xff00u) != 0u;
-        uint first_right = votes >> 16;
-        // lanes that want none have no say
-        bool turn = any_right && (!any_left || 2u * first_right > max(votes & 0xffu, (votes >> 8) & 0xffu));
-        packet_push(stack, turn ? left_child : right_child, any_left && any_right);
-        uint near = turn ? right_child : left_child;
-        bool is_dry = !(any_left || any_right);
-        reference = is_dry ? packet_top(stack) : near;
-        stack.size -= is_dry && stack.size > 0u ? 1u : 0u;
-        if (++steps > BVH_MAX_STEPS) {
-            trace_guard = 1u;
-            stack.size = 0u;
-            reference = BVH_DONE;
-        }
+        // lanes that want left, lanes that want right, and how many more want right first than left first
+        uint votes = packet_sum((left ? 1u : 0u) + (right ? 0x100u : 0u) +
+                                (right_first ? 0x10000u : left ? 0xffff0000u : 0u));
+        bool turn = int(votes) >= 0x10000;
+        packet_push(stack, turn ? left_child : right_child, (votes & 0xffu) != 0u && (votes & 0xff00u) != 0u);
+        bool is_dry = (votes & 0xffffu) == 0u;
+        uint popped = packet_pop(stack, is_dry);
+        reference = is_dry ? popped : turn ? right_child : left_child;
+        piece_index = (root + reference) * 8u + packet_lane();
+    }
+    if (steps >= BVH_MAX_STEPS) {
+        trace_guard = 1u;
+        reference = BVH_DONE;
     }
 }
 
 void bvh_packet_trace(vec3 origin, vec3 direction, bool any, inout trace_hit hit)
 {
-    bvh_ray world = bvh_prepare(origin, direction);
+    uint header = bvh_node_pieces[packet_lane()];
+    bvh_ray world = bvh_prepare(origin, direction, packet_vector(header, 0u), packet_vector(header, 3u));
     uint steps = 0u;
-    packet_stack top_stack;
-    top_stack.words = uvec4(0u);
-    top_stack.size = 0u;
-    uint top = 0u;
+    packet_stack top_stack = packet_stack_empty();
+    uint top = subgroupShuffle(header, 6u);
     while (true) {
         bvh_packet_descend(world, 0u, hit.t, top, top_stack, steps);
         if (top == BVH_DONE)
@@ -276,12 +311,12 @@ void bvh_packet_trace(vec3 origin, vec3 direction, bool any, inout trace_hit hit
         uint root = subgroupShuffle(part.x, 7u);
         uint first_triangle = subgroupShuffle(part.y, 7u);
         vec4 point = vec4(origin, 1.0);
+        header = bvh_node_pieces[root * 8u + packet_lane()];
         bvh_ray ray = bvh_prepare(vec3(dot(row0, point), dot(row1, point), dot(row2, point)),
-                                  vec3(dot(row0.xyz, direction), dot(row1.xyz, direction), dot(row2.xyz, direction)));
-        packet_stack stack;
-        stack.words = uvec4(0u);
-        stack.size = 0u;
-        uint reference = 0u;
+                                  vec3(dot(row0.xyz, direction), dot(row1.xyz, direction), dot(row2.xyz, direction)),
+                                  packet_vector(header, 0u), packet_vector(header, 3u));
+        packet_stack stack = packet_stack_empty();
+        uint reference = subgroupShuffle(header, 6u);
         while (true) {
             bvh_packet_descend(ray, root, hit.t, reference, stack, steps);
             if (reference == BVH_DONE)
@@ -301,11 +336,9 @@ void bvh_packet_trace(vec3 origin, vec3 direction, bool any, inout trace_hit hit
                         hit.t = 0.0; // enters nothing any more
                 }
             }
-            reference = packet_top(stack);
-            stack.size -= stack.size > 0u ? 1u : 0u;
+            reference = packet_pop(stack, true);
         }
-        top = packet_top(top_stack);
-        top_stack.size -= top_stack.size > 0u ? 1u : 0u;
+        top = packet_pop(top_stack, true);
     }
 }
 
@@ -318,8 +351,7 @@ trace_hit bvh_trace(vec3 origin, vec3 direction, float t_max, bool any)
     hit.instance = TRACE_MISS;
     hit.triangle = 0u;
     hit.barycentrics = vec2(0.0);
-    bool is_packet = gl_SubgroupSize == PACKET_LANES && bitCount(subgroupBallot(true).x) == gl_SubgroupSize;
-    if (is_packet)
+    if (gl_SubgroupSize == PACKET_LANES && (TRACE_ALL_LANES || bitCount(subgroupBallot(true).x) == PACKET_LANES))
         bvh_packet_trace(origin, direction, any, hit);
     else
         bvh_lane_trace(origin, direction, any, hit);

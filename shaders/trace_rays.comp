@@ -7,9 +7,11 @@
 // Source  design 12
 #include "shared/scene_layout.h"
 #include "shared/trace_rays_layout.h"
+layout(constant_id = 0) const bool ANY = false;
+layout(constant_id = 1) const bool ALL_LANES = false;
+#define TRACE_ALL_LANES ALL_LANES
 #include "trace.glsl"
 layout(local_size_x = 64) in;
-layout(constant_id = 0) const bool ANY = false;
 layout(std430, binding = BINDING_PASS) readonly buffer ray_buffer { trace_ray_gpu rays[]; };
 layout(std430, binding = BINDING_PASS + 1) writeonly buffer hit_buffer { trace_hit_gpu hits[]; };
 layout(push_constant) uniform push_block { trace_rays_push push; };
@@ -17,19 +19,23 @@ layout(push_constant) uniform push_block { trace_rays_push push; };
 void main()
 {
     uint index = gl_GlobalInvocationID.x;
-    if (index >= push.ray_count || index % push.stride != 0u)
+    bool has_ray = index < push.ray_count && index % push.stride == 0u;
+    if (!ALL_LANES && !has_ray)
         return;
-    vec4 origin = rays[index].origin_t_max;
-    vec3 direction = rays[index].direction.xyz;
+    uint place = has_ray ? index : 0u;
+    vec4 origin = rays[place].origin_t_max;
+    vec3 direction = rays[place].direction.xyz;
+    float t_max = has_ray ? origin.w : 0.0;
     trace_hit_gpu result;
     if (ANY) {
-        bool is_hit = trace_any(origin.xyz, direction, origin.w);
+        bool is_hit = trace_any(origin.xyz, direction, t_max);
         result.hit = uvec4(0u, is_hit ? 0u : TRACE_MISS, 0u, trace_guard);
         result.barycentrics = vec4(0.0);
     } else {
-        trace_hit hit = trace_closest(origin.xyz, direction, origin.w);
+        trace_hit hit = trace_closest(origin.xyz, direction, t_max);
         result.hit = uvec4(floatBitsToUint(hit.t), hit.instance, hit.triangle, trace_guard);
         result.barycentrics = vec4(hit.barycentrics, 0.0, 0.0);
     }
-    hits[index] = result;
+    if (has_ray)
+        hits[index] = result;
 }

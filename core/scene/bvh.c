@@ -4,22 +4,26 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* ---- building ----------------------------------------------------------------------------------------- */
+/* ---- building
+ * -----------------------------------------------------------------------------------------
+ */
 
 #define BIN_COUNT 16
-/* Relative costs of a step down and of a triangle test, and the leaf size, tuned on `sphere` and `pool` with
- * the shader's packets: both are one fetch and about as much arithmetic. */
+/* Relative costs of a step down and of a triangle test, and the leaf size,
+ * tuned on `sphere` and `pool` with the shader's packets: 2 % over equal costs.
+ */
 #define STEP_COST     1.0f
-#define TRIANGLE_COST 1.0f
-/* Depth that is left to even halves once the heuristic has used up the rest: 2^26 items need 26. */
+#define TRIANGLE_COST 0.7f
+/* Depth that is left to even halves once the heuristic has used up the rest:
+ * 2^26 items need 26. */
 #define HALVING_SLACK 1
 
 struct box {
     float min[3], max[3];
 };
 
-/* What is sorted into a tree: a box and who it belongs to, 32 bytes, moved as a whole so that binning reads
- * memory in order. */
+/* What is sorted into a tree: a box and who it belongs to, 32 bytes, moved as a
+ * whole so that binning reads memory in order. */
 struct primitive {
     float min[3];
     uint32_t index;
@@ -40,7 +44,8 @@ struct bin {
 };
 
 struct split {
-    float cost; /* relative to the parent's half area; INFINITY: no plane separates the centroids */
+    float cost; /* relative to the parent's half area; INFINITY: no plane
+                   separates the centroids */
     uint32_t axis, bin;
 };
 
@@ -134,8 +139,8 @@ static struct split find_split(const struct primitive *primitives, uint32_t coun
     return best;
 }
 
-/* Moves the primitives of bins below the split to the front; returns how many. Keeps a fixed order for fixed
- * input. */
+/* Moves the primitives of bins below the split to the front; returns how many.
+ * Keeps a fixed order for fixed input. */
 static uint32_t partition(struct primitive *primitives, uint32_t count, const struct box *centroids,
                           struct split split)
 {
@@ -155,31 +160,91 @@ static uint32_t partition(struct primitive *primitives, uint32_t count, const st
     return left;
 }
 
-static void node_set_child(struct bvh_node *node, uint32_t side, const struct box *box, uint32_t reference)
+/* ---- the grid
+ * -----------------------------------------------------------------------------------------
+ */
+
+#define GRID_STEPS 65535
+
+const struct bvh_header *bvh_header(const struct bvh *bvh)
 {
-    if (side == 0) {
-        node->x.x = box->min[0], node->x.y = box->max[0];
-        node->y.x = box->min[1], node->y.y = box->max[1];
-        node->z.x = box->min[2], node->z.y = box->max[2];
-        node->child.x = reference;
-    } else {
-        node->x.z = box->min[0], node->x.w = box->max[0];
-        node->y.z = box->min[1], node->y.w = box->max[1];
-        node->z.z = box->min[2], node->z.w = box->max[2];
-        node->child.y = reference;
-    }
+    return (const struct bvh_header *)(const void *)bvh->nodes;
 }
 
-static void node_get_child(const struct bvh_node *node, uint32_t side, struct box *box, uint32_t *reference)
+static float header_float(const uint32_t *bits)
 {
-    if (side == 0) {
-        *box = (struct box){{node->x.x, node->y.x, node->z.x}, {node->x.y, node->y.y, node->z.y}};
-        *reference = node->child.x;
-    } else {
-        *box = (struct box){{node->x.z, node->y.z, node->z.z}, {node->x.w, node->y.w, node->z.w}};
-        *reference = node->child.y;
-    }
+    float value;
+    memcpy(&value, bits, sizeof value);
+    return value;
 }
+
+/* The finest steps that span the box with one to spare at either end. */
+static void header_set(struct bvh *bvh, const struct box *box)
+{
+    struct bvh_header header = {.root = BVH_DONE};
+    double largest = 0;
+    for (int a = 0; a < 3; a++)
+        largest = fmax(largest, (double)box->max[a] - (double)box->min[a]);
+    for (int a = 0; a < 3; a++) {
+        /* A flat side gets steps that are small but not so small that distances in
+         * steps overflow. */
+        double extent = fmax((double)box->max[a] - (double)box->min[a], largest * 0x1p-20);
+        int exponent;
+        frexp(fmax(extent, 0x1p-80) / (GRID_STEPS - 3), &exponent);
+        float scale = ldexpf(1, exponent), origin = (float)((double)box->min[a] - (double)scale);
+        memcpy(&header.origin[a], &origin, sizeof origin);
+        memcpy(&header.scale[a], &scale, sizeof scale);
+    }
+    memcpy(bvh->nodes, &header, sizeof header);
+}
+
+static void set_root(struct bvh *bvh, uint32_t reference)
+{
+    struct bvh_header header = *bvh_header(bvh);
+    header.root = reference;
+    memcpy(bvh->nodes, &header, sizeof header);
+}
+
+/* A box's side along an axis, in steps, rounded outward. */
+static uint32_t grid_span(const struct bvh *bvh, const struct box *box, int axis)
+{
+    const struct bvh_header *header = bvh_header(bvh);
+    double origin = (double)header_float(&header->origin[axis]),
+           scale = (double)header_float(&header->scale[axis]);
+    double low = floor(((double)box->min[axis] - origin) / scale),
+           high = ceil(((double)box->max[axis] - origin) / scale);
+    return (uint32_t)fmax(low, 0) | (uint32_t)fmin(high, GRID_STEPS) << 16;
+}
+
+static void set_child(struct bvh *bvh, uint32_t node, uint32_t side, const struct box *box,
+                      uint32_t reference)
+{
+    struct bvh_node *n = &bvh->nodes[node];
+    uint32_t x = grid_span(bvh, box, 0), y = grid_span(bvh, box, 1), z = grid_span(bvh, box, 2);
+    if (side == 0)
+        n->left_x = x, n->left_y = y, n->left_z = z, n->left = reference;
+    else
+        n->right_x = x, n->right_y = y, n->right_z = z, n->right = reference;
+}
+
+uint32_t bvh_child(const struct bvh *bvh, uint32_t node, uint32_t side, float box[6])
+{
+    const struct bvh_header *header = bvh_header(bvh);
+    const struct bvh_node *n = &bvh->nodes[node];
+    const uint32_t spans[3] = {side ? n->right_x : n->left_x, side ? n->right_y : n->left_y,
+                               side ? n->right_z : n->left_z};
+    for (int a = 0; a < 3; a++) {
+        double origin = (double)header_float(&header->origin[a]),
+               scale = (double)header_float(&header->scale[a]);
+        box[a] = (float)(origin + scale * (spans[a] & 0xffffu));
+        box[3 + a] = (float)(origin + scale * (spans[a] >> 16));
+    }
+    return side ? n->right : n->left;
+}
+
+/* ---- the build
+ * ----------------------------------------------------------------------------------------
+ */
 
 static uint32_t halvings(uint32_t count)
 {
@@ -189,7 +254,8 @@ static uint32_t halvings(uint32_t count)
     return n;
 }
 
-/* Decides where a range is cut: returns the size of its left part, or 0 to make it a leaf. */
+/* Decides where a range is cut: returns the size of its left part, or 0 to make
+ * it a leaf. */
 static uint32_t cut(struct primitive *primitives, const struct task *task, const struct box *box,
                     uint32_t max_leaf)
 {
@@ -206,55 +272,48 @@ static uint32_t cut(struct primitive *primitives, const struct task *task, const
         if (left > 0 && left < task->count)
             return left;
     }
-    return task->count / 2; /* coinciding centroids, or too deep: even halves in the order at hand */
+    return task->count / 2; /* coinciding centroids, or too deep: even halves in
+                               the order at hand */
 }
 
-/* Sorts `primitives` into leaf order and writes bvh->nodes. The two first tasks are the root's children. */
+/* Sorts `primitives` into leaf order and writes bvh->nodes. */
 static bool build(struct bvh *bvh, struct primitive *primitives, uint32_t count, uint32_t max_leaf,
                   struct error *error)
 {
-    struct task stack[2 * BVH_MAX_DEPTH + 2];
+    struct task stack[BVH_MAX_DEPTH + 2];
     uint32_t stack_size = 0;
-    /* A binary tree of n leaves has n - 1 inner nodes, and there is always a root. */
-    bvh->nodes = malloc((size_t)(count > 1 ? count : 2) * sizeof *bvh->nodes);
+    /* A header, and n - 1 inner nodes of a binary tree of n leaves. */
+    bvh->nodes = malloc((size_t)(count ? count : 1) * sizeof *bvh->nodes);
     if (!bvh->nodes)
         return error_set(error, STATUS_MEMORY, "no memory for the hierarchy of %u primitives", count);
-
-    struct box nowhere = {{BVH_FAR, BVH_FAR, BVH_FAR}, {BVH_FAR, BVH_FAR, BVH_FAR}};
-    bvh->nodes[0] = (struct bvh_node){0};
-    node_set_child(&bvh->nodes[0], 0, &nowhere, BVH_LEAF);
-    node_set_child(&bvh->nodes[0], 1, &nowhere, BVH_LEAF);
     bvh->node_count = 1;
-    if (count == 0)
-        return true;
-
+    struct box bounds = {{0}, {0}};
     struct task root = {.count = count};
-    struct box bounds;
-    range_bounds(primitives, count, &bounds, &root.centroids);
+    if (count)
+        range_bounds(primitives, count, &bounds, &root.centroids);
     memcpy(bvh->bounds_min, bounds.min, sizeof bounds.min);
     memcpy(bvh->bounds_max, bounds.max, sizeof bounds.max);
-    uint32_t left = cut(primitives, &root, &bounds, max_leaf);
-    uint32_t sizes[2] = {left ? left : count, left ? count - left : 0};
-    for (uint32_t side = 2; side-- > 0;)
-        if (sizes[side])
-            stack[stack_size++] = (struct task){
-                .first = side ? sizes[0] : 0, .count = sizes[side], .parent = 0, .side = side, .depth = 1};
+    header_set(bvh, &bounds);
+    if (count)
+        stack[stack_size++] = root; /* its parent 0 is the header */
 
     while (stack_size) {
         struct task task = stack[--stack_size];
         struct primitive *range = primitives + task.first;
         struct box box;
         range_bounds(range, task.count, &box, &task.centroids);
-        left = cut(range, &task, &box, max_leaf);
+        uint32_t left = cut(range, &task, &box, max_leaf);
+        uint32_t reference =
+            left ? bvh->node_count : BVH_LEAF | (task.count - 1) << BVH_COUNT_SHIFT | task.first;
+        if (task.parent)
+            set_child(bvh, task.parent, task.side, &box, reference);
+        else
+            set_root(bvh, reference);
         if (!left) {
-            uint32_t reference = BVH_LEAF | (task.count - 1) << BVH_COUNT_SHIFT | task.first;
-            node_set_child(&bvh->nodes[task.parent], task.side, &box, reference);
             bvh->depth = task.depth > bvh->depth ? task.depth : bvh->depth;
             continue;
         }
         uint32_t node = bvh->node_count++;
-        bvh->nodes[node] = (struct bvh_node){0};
-        node_set_child(&bvh->nodes[task.parent], task.side, &box, node);
         /* Left is built next, so that it lies right behind its parent. */
         stack[stack_size++] = (struct task){.first = task.first + left,
                                             .count = task.count - left,
@@ -312,7 +371,8 @@ struct bvh *bvh_create_mesh(const struct scene *scene, uint32_t mesh_index, stru
         primitives[i] = (struct primitive){
             {box.min[0], box.min[1], box.min[2]}, i, {box.max[0], box.max[1], box.max[2]}, 0};
     }
-    /* A ray along an axis, in the very plane of a box's side, would count as leaving where it stands. */
+    /* A ray along an axis, in the very plane of a box's side, would count as
+     * leaving where it stands. */
     float slack = largest * 0x1p-23f;
     for (uint32_t i = 0; i < mesh->triangle_count; i++)
         for (int a = 0; a < 3; a++) {
@@ -355,8 +415,8 @@ struct bvh *bvh_create_boxes(const float (*boxes)[6], uint32_t count, struct err
     for (uint32_t i = 0; i < count; i++) {
         primitives[i].index = i;
         for (int a = 0; a < 3; a++) {
-            /* A world box comes from corners carried through a matrix; its rounding must not cut off what it
-             * holds. */
+            /* A world box comes from corners carried through a matrix; its rounding
+             * must not cut off what it holds. */
             float slack = 1e-6f * fmaxf(fabsf(boxes[i][a]), fabsf(boxes[i][3 + a]));
             primitives[i].min[a] = boxes[i][a] - slack;
             primitives[i].max[a] = boxes[i][3 + a] + slack;
@@ -373,10 +433,12 @@ struct bvh *bvh_create_boxes(const float (*boxes)[6], uint32_t count, struct err
     for (uint32_t i = 0; i < count; i++)
         bvh->items[i] = primitives[i].index;
     /* The shader's leaves name instances, not places in the leaf order. */
-    for (uint32_t n = 0; n < bvh->node_count; n++)
+    if (count == 1)
+        set_root(bvh, BVH_LEAF | bvh->items[0]);
+    for (uint32_t n = 1; n < bvh->node_count; n++)
         for (uint32_t side = 0; side < 2; side++) {
-            uint32_t *reference = side ? &bvh->nodes[n].child.y : &bvh->nodes[n].child.x;
-            if (count && (*reference & BVH_LEAF))
+            uint32_t *reference = side ? &bvh->nodes[n].right : &bvh->nodes[n].left;
+            if (*reference & BVH_LEAF)
                 *reference = BVH_LEAF | bvh->items[*reference & BVH_INDEX_MASK];
         }
     free(primitives);
@@ -394,21 +456,32 @@ void bvh_destroy(struct bvh **bvh)
     *bvh = NULL;
 }
 
-/* ---- tracing ------------------------------------------------------------------------------------------ */
+/* ---- tracing
+ * ------------------------------------------------------------------------------------------
+ */
 
 /* The same arithmetic as shaders/trace_bvh.glsl, operation by operation. */
+
+/* Five roundings of 2^-24 on each side: the origin's place on the grid, the
+ * inverse, difference and product. */
+#define LEAVE_SLACK 1.000001f
+
 struct ray {
     float origin[3], inverse[3];
-    int axis_x, axis_y, axis_z; /* z: along which the direction is longest */
+    float grid_origin[3], grid_inverse[3]; /* in steps of the tree's grid */
+    int axis_x, axis_y, axis_z;            /* z: along which the direction is longest */
     float shear_x, shear_y, shear_z;
 };
 
-static void ray_prepare(struct ray *ray, const float origin[3], const float direction[3])
+static void ray_prepare(struct ray *ray, const struct bvh_header *header, const float origin[3],
+                        const float direction[3])
 {
     for (int a = 0; a < 3; a++) {
         ray->origin[a] = origin[a];
-        float d = direction[a];
+        float d = direction[a], scale = header_float(&header->scale[a]);
         ray->inverse[a] = 1.0f / (fabsf(d) < 1e-20f ? copysignf(1e-20f, d) : d);
+        ray->grid_origin[a] = (origin[a] - header_float(&header->origin[a])) * (1.0f / scale);
+        ray->grid_inverse[a] = ray->inverse[a] * scale;
     }
     float x = fabsf(direction[0]), y = fabsf(direction[1]), z = fabsf(direction[2]);
     ray->axis_z = z >= x && z >= y ? 2 : y >= x ? 1 : 0;
@@ -419,26 +492,26 @@ static void ray_prepare(struct ray *ray, const float origin[3], const float dire
     ray->shear_y = direction[ray->axis_y] * ray->shear_z;
 }
 
-/* Where the ray enters a child's box, or INFINITY. */
-static float ray_enter(const struct ray *ray, const struct bvh_node *node, uint32_t side, float t_max)
+/* Where the ray enters the box whose spans these are, or INFINITY. */
+static float ray_enter(const struct ray *ray, uint32_t x, uint32_t y, uint32_t z, float t_max)
 {
-    struct box box;
-    uint32_t reference;
-    node_get_child(node, side, &box, &reference);
+    const uint32_t spans[3] = {x, y, z};
     float enter = 0, leave = t_max;
     for (int a = 0; a < 3; a++) {
-        float t0 = (box.min[a] - ray->origin[a]) * ray->inverse[a];
-        float t1 = (box.max[a] - ray->origin[a]) * ray->inverse[a];
+        float t0 = ((float)(spans[a] & 0xffffu) - ray->grid_origin[a]) * ray->grid_inverse[a];
+        float t1 = ((float)(spans[a] >> 16) - ray->grid_origin[a]) * ray->grid_inverse[a];
         enter = fmaxf(enter, fminf(t0, t1));
-        /* Three roundings on each side must not lose a box the ray only grazes (Ize 2013). */
-        leave = fminf(leave, fmaxf(t0, t1) * 1.0000004f);
+        /* Roundings on each side must not lose a box the ray only grazes (Ize
+         * 2013). */
+        leave = fminf(leave, fmaxf(t0, t1) * LEAVE_SLACK);
     }
     return enter <= leave ? enter : INFINITY;
 }
 
-/* Woop, Benthin and Wald 2013, "Watertight ray/triangle intersection": corners sheared into the ray's frame.
- * A product never rounds past an equal one, so an edge function can only be 0 where its sign would be in
- * doubt, and 0 counts as inside for both triangles at an edge. */
+/* Woop, Benthin and Wald 2013, "Watertight ray/triangle intersection": corners
+ * sheared into the ray's frame. A product never rounds past an equal one, so an
+ * edge function can only be 0 where its sign would be in doubt, and 0 counts as
+ * inside for both triangles at an edge. */
 static bool ray_triangle(const struct ray *ray, const struct bvh_triangle *triangle, float t_max, float *t,
                          float *u, float *v)
 {
@@ -474,7 +547,7 @@ bool bvh_trace(const struct bvh *bvh, const float origin[3], const float directi
                uint32_t *triangle, float *u, float *v)
 {
     struct ray ray;
-    ray_prepare(&ray, origin, direction);
+    ray_prepare(&ray, bvh_header(bvh), origin, direction);
     float nearest = fminf(t_max, BVH_FAR_T);
     bool is_hit = false;
     struct {
@@ -482,12 +555,12 @@ bool bvh_trace(const struct bvh *bvh, const float origin[3], const float directi
         float enter;
     } stack[BVH_MAX_DEPTH + 1];
     uint32_t stack_size = 0;
-    stack[stack_size].reference = 0;
+    stack[stack_size].reference = bvh_header(bvh)->root;
     stack[stack_size++].enter = 0;
 
     for (uint32_t step = 0; stack_size && step < BVH_MAX_STEPS; step++) {
         uint32_t reference = stack[--stack_size].reference;
-        if (stack[stack_size].enter > nearest)
+        if (stack[stack_size].enter > nearest || reference == BVH_DONE)
             continue;
         if (reference & BVH_LEAF) {
             uint32_t first = reference & BVH_INDEX_MASK;
@@ -500,15 +573,16 @@ bool bvh_trace(const struct bvh *bvh, const float origin[3], const float directi
             continue;
         }
         const struct bvh_node *node = &bvh->nodes[reference];
-        float left = ray_enter(&ray, node, 0, nearest), right = ray_enter(&ray, node, 1, nearest);
+        float left = ray_enter(&ray, node->left_x, node->left_y, node->left_z, nearest);
+        float right = ray_enter(&ray, node->right_x, node->right_y, node->right_z, nearest);
         uint32_t near_side = right < left;
         float near_enter = near_side ? right : left, far_enter = near_side ? left : right;
         if (far_enter < INFINITY) {
-            stack[stack_size].reference = near_side ? node->child.x : node->child.y;
+            stack[stack_size].reference = near_side ? node->left : node->right;
             stack[stack_size++].enter = far_enter;
         }
         if (near_enter < INFINITY) {
-            stack[stack_size].reference = near_side ? node->child.y : node->child.x;
+            stack[stack_size].reference = near_side ? node->right : node->left;
             stack[stack_size++].enter = near_enter;
         }
     }
@@ -517,38 +591,23 @@ bool bvh_trace(const struct bvh *bvh, const float origin[3], const float directi
     return is_hit;
 }
 
-/* ---- frontier ----------------------------------------------------------------------------------------- */
+/* ---- frontier
+ * -----------------------------------------------------------------------------------------
+ */
 
 uint32_t bvh_frontier(const struct bvh *bvh, float (*boxes)[6], uint32_t capacity)
 {
     if (bvh->item_count == 0 || capacity == 0)
         return 0;
-    uint32_t count = 0;
+    uint32_t count = 1;
     uint32_t *references = malloc(capacity * sizeof *references);
-    if (!references || capacity == 1) {
-        free(references);
-        memcpy(boxes[0], bvh->bounds_min, sizeof bvh->bounds_min);
-        memcpy(boxes[0] + 3, bvh->bounds_max, sizeof bvh->bounds_max);
-        return 1;
-    }
-    uint32_t node = 0;
-    uint32_t slot = count++; /* whose box the node's children replace */
-    for (;;) {
-        for (uint32_t side = 0; side < 2; side++) {
-            struct box box;
-            uint32_t reference;
-            node_get_child(&bvh->nodes[node], side, &box, &reference);
-            if (side == 1) {
-                if (box.min[0] >= BVH_FAR)
-                    continue; /* the root of a single leaf has one child */
-                slot = count++;
-            }
-            memcpy(boxes[slot], &box, sizeof box);
-            references[slot] = reference;
-        }
-        if (count == capacity)
-            break;
+    memcpy(boxes[0], bvh->bounds_min, sizeof bvh->bounds_min);
+    memcpy(boxes[0] + 3, bvh->bounds_max, sizeof bvh->bounds_max);
+    if (references)
+        references[0] = bvh_header(bvh)->root;
+    while (references && count < capacity) {
         float largest = -1;
+        uint32_t slot = 0;
         for (uint32_t i = 0; i < count; i++) {
             struct box box;
             memcpy(&box, boxes[i], sizeof box);
@@ -560,7 +619,10 @@ uint32_t bvh_frontier(const struct bvh *bvh, float (*boxes)[6], uint32_t capacit
         }
         if (largest < 0)
             break;
-        node = references[slot];
+        uint32_t node = references[slot];
+        references[slot] = bvh_child(bvh, node, 0, boxes[slot]);
+        references[count] = bvh_child(bvh, node, 1, boxes[count]);
+        count++;
     }
     free(references);
     return count;

@@ -42,11 +42,12 @@ static void destroy_meshes(const struct scene *scene, struct bvh **meshes)
     free(meshes);
 }
 
-/* Closest hits of all rays that `stride` leaves, then any-hits, against the reference. Rounding differs
- * between the two (order of sums), so a hit at the very border of a triangle may go to its neighbour, or be
- * missed at an open edge. */
+/* Closest hits of all rays that `stride` leaves, then any-hits, against the
+ * reference. Rounding differs between the two (order of sums), so a hit at the
+ * very border of a triangle may go to its neighbour, or be missed at an open
+ * edge. */
 static void compare(const char *name, const struct scene *scene, const struct scene_pose *pose,
-                    const struct trace_ray_gpu *rays, uint32_t count, uint32_t stride)
+                    const struct trace_ray_gpu *rays, uint32_t count, uint32_t stride, bool all_lanes)
 {
     struct error error;
     struct trace_device *device = trace_device_create(gpu, scene, pose, false, &error);
@@ -55,7 +56,7 @@ static void compare(const char *name, const struct scene *scene, const struct sc
     struct bvh **meshes = build_meshes(scene);
     struct trace_hit_gpu *hits = calloc(count, sizeof *hits), *any = calloc(count, sizeof *any);
     assert_true(hits && any);
-    struct trace_run run = {.rays = rays, .count = count, .stride = stride};
+    struct trace_run run = {.rays = rays, .count = count, .stride = stride, .all_lanes = all_lanes};
     assert_true(trace_device_run(device, &run, hits, NULL, &error));
     run.any = true;
     assert_true(trace_device_run(device, &run, any, NULL, &error));
@@ -86,12 +87,13 @@ static void compare(const char *name, const struct scene *scene, const struct sc
         border_count++;
         /* surfaces that touch (a floor through a sphere) are both right */
         if (!(border < 1e-5) && !is_near)
-            fail_msg("%s: ray %u: instance %u triangle %u t %g, not instance %u triangle %u t %g", name, i,
-                     hits[i].hit.y, hits[i].hit.z, (double)hit_t(&hits[i]), expected.hit.y, expected.hit.z,
-                     (double)hit_t(&expected));
+            fail_msg("%s: ray %u: instance %u triangle %u t %g, not instance %u "
+                     "triangle %u t %g",
+                     name, i, hits[i].hit.y, hits[i].hit.z, (double)hit_t(&hits[i]), expected.hit.y,
+                     expected.hit.z, (double)hit_t(&expected));
     }
-    print_message("%s, stride %u: %u rays, %u hits, %u at borders\n", name, stride, traced, hit_count,
-                  border_count);
+    print_message("%s, stride %u%s: %u rays, %u hits, %u at borders\n", name, stride,
+                  all_lanes ? ", all lanes" : "", traced, hit_count, border_count);
     assert_true(border_count <= traced / 200 + 1);
     if (scene->instance_count)
         assert_true(hit_count > traced / 50);
@@ -115,8 +117,9 @@ static void compare_builtin(const char *name)
     struct trace_ray_gpu *rays = calloc(count, sizeof *rays);
     assert_non_null(rays);
     trace_scenes_rays(scene, pose, 7, rays, count);
-    compare(name, scene, pose, rays, count, 1);
-    compare(name, scene, pose, rays, count, 3);
+    compare(name, scene, pose, rays, count, 1, false);
+    compare(name, scene, pose, rays, count, 3, false);
+    compare(name, scene, pose, rays, count, 3, true);
     free(rays);
     scene_pose_destroy(&pose);
     scene_destroy(&scene);
@@ -139,15 +142,15 @@ static void many_transformed_instances_match_the_reference(void **state)
         struct trace_ray_gpu *rays = calloc(count, sizeof *rays);
         assert_non_null(rays);
         trace_scenes_rays(&made->scene, &made->pose, instance_count, rays, count);
-        compare("instances", &made->scene, &made->pose, rays, count, 1);
-        compare("instances", &made->scene, &made->pose, rays, count, 5);
+        compare("instances", &made->scene, &made->pose, rays, count, 1, true);
+        compare("instances", &made->scene, &made->pose, rays, count, 5, false);
         free(rays);
         trace_scenes_destroy(&made);
     }
 }
 
-/* From inside the closed sphere, to vertices, edges and anywhere: every ray hits, whole subgroups and partial
- * ones. */
+/* From inside the closed sphere, to vertices, edges and anywhere: every ray
+ * hits, whole subgroups and partial ones. */
 static void closed_meshes_have_no_cracks(void **state)
 {
     (void)state;
@@ -196,7 +199,8 @@ static void distances_beyond_the_limit_do_not_count(void **state)
     trace_scenes_rays(&made->scene, &made->pose, 3, rays, COUNT);
     assert_true(
         trace_device_run(device, &(struct trace_run){.rays = rays, .count = COUNT}, hits, NULL, &error));
-    /* lanes with limits just behind, at and before the hit, 0 and negative, side by side */
+    /* lanes with limits just behind, at and before the hit, 0 and negative, side
+     * by side */
     for (uint32_t i = 0; i < COUNT; i++) {
         float t = is_miss(&hits[i]) ? 1 : hit_t(&hits[i]);
         const float limits[5] = {nextafterf(t, INFINITY), t, 0.5f * t, 0, -1};
@@ -221,13 +225,20 @@ static void distances_beyond_the_limit_do_not_count(void **state)
 static void damaged_nodes_do_not_hang_the_device(void **state)
 {
     (void)state;
-    struct trace_scene *made = trace_scenes_create(1);
+    struct trace_scene *made = trace_scenes_create(9);
     struct error error;
     struct trace_device *device = trace_device_create(gpu, &made->scene, &made->pose, false, &error);
     assert_non_null(device);
-    struct bvh_node node = {
-        .x = {-1e6f, 1e6f, -1e6f, 1e6f}, .y = {-1e6f, 1e6f, -1e6f, 1e6f}, .z = {-1e6f, 1e6f, -1e6f, 1e6f}};
-    assert_true(trace_device_write_nodes(device, 0, &node, sizeof node, &error));
+    /* a grid that holds every ray, and both children as large as it */
+    const float origin = -1e6f, scale = 32;
+    uint32_t origin_bits, scale_bits, all = 0xffff0000u;
+    memcpy(&origin_bits, &origin, sizeof origin);
+    memcpy(&scale_bits, &scale, sizeof scale);
+    struct bvh_header header = {
+        {origin_bits, origin_bits, origin_bits}, {scale_bits, scale_bits, scale_bits}, 1, 0};
+    struct bvh_node node = {all, all, all, all, all, all, 1, 1};
+    assert_true(trace_device_write_nodes(device, 0, &header, sizeof header, &error));
+    assert_true(trace_device_write_nodes(device, sizeof header, &node, sizeof node, &error));
     enum { COUNT = 64 };
     struct trace_ray_gpu rays[COUNT];
     struct trace_hit_gpu hits[COUNT];

@@ -13,7 +13,7 @@ struct trace_device {
     struct gpu_accel **bottoms;
     uint32_t bottom_count;
     struct gpu_accel *top;
-    struct gpu_pipeline *pipelines[2]; /* closest, any */
+    struct gpu_pipeline *pipelines[2][2]; /* any, all lanes */
     struct gpu_buffer *upload, *rays, *hits, *readback;
     uint32_t capacity;
 };
@@ -183,25 +183,26 @@ struct trace_device *trace_device_create(struct gpu *gpu, const struct scene *sc
     device->gpu = gpu;
     if (!(with_ray_query ? upload_khr(device, scene, pose, error) : upload_bvh(device, scene, pose, error)))
         goto fail;
-    for (uint32_t any = 0; any < 2; any++) {
+    for (uint32_t variant = 0; variant < 4; variant++) {
+        uint32_t any = variant & 1, all_lanes = variant >> 1;
         uint32_t rays_and_hits = 3u << BINDING_PASS;
         size_t bytes;
         const uint32_t *spirv =
             shader_find(with_ray_query ? "trace_rays.comp.khr" : "trace_rays.comp.bvh", &bytes);
-        device->pipelines[any] = gpu_pipeline_create(
+        device->pipelines[any][all_lanes] = gpu_pipeline_create(
             gpu,
             &(struct gpu_pipeline_params){
                 .name = "trace rays",
                 .spirv = spirv,
                 .spirv_bytes = bytes,
-                .constants = &(struct gpu_constant){0, any},
-                .constant_count = 1,
+                .constants = (const struct gpu_constant[]){{0, any}, {1, all_lanes}},
+                .constant_count = 2,
                 .binding_mask = rays_and_hits | 1u << BINDING_NODES |
                                 (with_ray_query ? 0 : 1u << BINDING_TRIANGLES | 1u << BINDING_INSTANCES),
                 .accel_mask = with_ray_query ? 1u << BINDING_NODES : 0,
                 .push_bytes = sizeof(struct trace_rays_push)},
             error);
-        if (!device->pipelines[any])
+        if (!device->pipelines[any][all_lanes])
             goto fail;
     }
     return device;
@@ -216,8 +217,8 @@ void trace_device_destroy(struct trace_device **device)
     struct trace_device *d = *device;
     if (!d)
         return;
-    gpu_pipeline_destroy(&d->pipelines[0]);
-    gpu_pipeline_destroy(&d->pipelines[1]);
+    for (uint32_t variant = 0; variant < 4; variant++)
+        gpu_pipeline_destroy(&d->pipelines[variant & 1][variant >> 1]);
     gpu_accel_destroy(&d->top);
     for (uint32_t m = 0; m < d->bottom_count; m++)
         gpu_accel_destroy(&d->bottoms[m]);
@@ -287,7 +288,7 @@ bool trace_device_run(struct trace_device *device, const struct trace_run *run, 
     gpu_pass_end(frame);
     gpu_pass_begin(frame, "trace");
     gpu_record_dispatch(
-        frame, &(struct gpu_dispatch){.pipeline = device->pipelines[run->any],
+        frame, &(struct gpu_dispatch){.pipeline = device->pipelines[run->any][run->all_lanes],
                                       .binds = binds,
                                       .bind_count = device->top ? 3 : 5,
                                       .push = &(struct trace_rays_push){count, run->stride ? run->stride : 1},
