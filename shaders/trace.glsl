@@ -16,6 +16,9 @@ const uint TRACE_MISS = 0xffffffffu;
 
 // trace_hit trace_closest(vec3 origin, vec3 direction, float t_max)   nearest hit in (0, t_max)
 // bool      trace_any(vec3 origin, vec3 direction, float t_max)       whether there is any
+// trace_closest_all, trace_any_all                                    the same where every invocation of the subgroup
+//                                                                     calls, a lane without a ray with t_max 0: faster
+//                                                                     where branches are masked, not skipped
 // uint      trace_guard                                               1 after the iteration cap ended a ray
 #ifdef TRACER_KHR
 #include "trace_khr.glsl"

@@ -20,12 +20,6 @@ layout(std430, binding = BINDING_NODES) readonly buffer node_piece_buffer { uint
 layout(std430, binding = BINDING_TRIANGLES) readonly buffer triangle_piece_buffer { uvec2 bvh_triangle_pieces[]; };
 layout(std430, binding = BINDING_INSTANCES) readonly buffer instance_piece_buffer { uvec2 bvh_instance_pieces[]; };
 
-// A shader in which every invocation calls trace_*, a lane without a ray with t_max 0, says so before it includes
-// trace.glsl: drivers that mask branches instead of skipping them (Mesa 22.3) are then spared the way lane by lane.
-#ifndef TRACE_ALL_LANES
-#define TRACE_ALL_LANES false
-#endif
-
 uint trace_guard = 0u;
 
 // Five roundings on each side must not lose a box that the ray only grazes.
@@ -344,14 +338,15 @@ void bvh_packet_trace(vec3 origin, vec3 direction, bool any, inout trace_hit hit
 
 // ---- the interface --------------------------------------------------------------------------------------
 
-trace_hit bvh_trace(vec3 origin, vec3 direction, float t_max, bool any)
+trace_hit bvh_trace(vec3 origin, vec3 direction, float t_max, bool any, bool all_lanes)
 {
     trace_hit hit;
     hit.t = min(t_max, BVH_FAR_T);
     hit.instance = TRACE_MISS;
     hit.triangle = 0u;
     hit.barycentrics = vec2(0.0);
-    if (gl_SubgroupSize == PACKET_LANES && (TRACE_ALL_LANES || bitCount(subgroupBallot(true).x) == PACKET_LANES))
+    // Mesa 22.3 masks branches, it never skips them: where all lanes are known to be here, the other way is not compiled.
+    if (gl_SubgroupSize == PACKET_LANES && (all_lanes || bitCount(subgroupBallot(true).x) == PACKET_LANES))
         bvh_packet_trace(origin, direction, any, hit);
     else
         bvh_lane_trace(origin, direction, any, hit);
@@ -360,10 +355,20 @@ trace_hit bvh_trace(vec3 origin, vec3 direction, float t_max, bool any)
 
 trace_hit trace_closest(vec3 origin, vec3 direction, float t_max)
 {
-    return bvh_trace(origin, direction, t_max, false);
+    return bvh_trace(origin, direction, t_max, false, false);
+}
+
+trace_hit trace_closest_all(vec3 origin, vec3 direction, float t_max)
+{
+    return bvh_trace(origin, direction, t_max, false, true);
 }
 
 bool trace_any(vec3 origin, vec3 direction, float t_max)
 {
-    return bvh_trace(origin, direction, t_max, true).instance != TRACE_MISS;
+    return bvh_trace(origin, direction, t_max, true, false).instance != TRACE_MISS;
+}
+
+bool trace_any_all(vec3 origin, vec3 direction, float t_max)
+{
+    return bvh_trace(origin, direction, t_max, true, true).instance != TRACE_MISS;
 }

@@ -21,7 +21,7 @@ trace_hit trace_closest(vec3 origin, vec3 direction, float t_max)
     hit.barycentrics = vec2(0.0);
     rayQueryEXT query;
     rayQueryInitializeEXT(query, scene_structure, gl_RayFlagsOpaqueEXT, 0xff, origin, 0.0, direction,
-                          min(t_max, TRACE_FAR));
+                          clamp(t_max, 0.0, TRACE_FAR));
     while (rayQueryProceedEXT(query))
         ;
     if (rayQueryGetIntersectionTypeEXT(query, true) == gl_RayQueryCommittedIntersectionTriangleEXT) {
@@ -37,8 +37,18 @@ bool trace_any(vec3 origin, vec3 direction, float t_max)
 {
     rayQueryEXT query;
     rayQueryInitializeEXT(query, scene_structure, gl_RayFlagsOpaqueEXT | gl_RayFlagsTerminateOnFirstHitEXT, 0xff, origin,
-                          0.0, direction, min(t_max, TRACE_FAR));
+                          0.0, direction, clamp(t_max, 0.0, TRACE_FAR));
     while (rayQueryProceedEXT(query))
         ;
     return rayQueryGetIntersectionTypeEXT(query, true) == gl_RayQueryCommittedIntersectionTriangleEXT;
+}
+
+trace_hit trace_closest_all(vec3 origin, vec3 direction, float t_max)
+{
+    return trace_closest(origin, direction, t_max);
+}
+
+bool trace_any_all(vec3 origin, vec3 direction, float t_max)
+{
+    return trace_any(origin, direction, t_max);
 }

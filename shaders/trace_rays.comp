@@ -9,7 +9,6 @@
 #include "shared/trace_rays_layout.h"
 layout(constant_id = 0) const bool ANY = false;
 layout(constant_id = 1) const bool ALL_LANES = false;
-#define TRACE_ALL_LANES ALL_LANES
 #include "trace.glsl"
 layout(local_size_x = 64) in;
 layout(std430, binding = BINDING_PASS) readonly buffer ray_buffer { trace_ray_gpu rays[]; };
@@ -28,11 +27,16 @@ void main()
     float t_max = has_ray ? origin.w : 0.0;
     trace_hit_gpu result;
     if (ANY) {
-        bool is_hit = trace_any(origin.xyz, direction, t_max);
+        bool is_hit = ALL_LANES ? trace_any_all(origin.xyz, direction, t_max)
+                                : trace_any(origin.xyz, direction, t_max);
         result.hit = uvec4(0u, is_hit ? 0u : TRACE_MISS, 0u, trace_guard);
         result.barycentrics = vec4(0.0);
     } else {
-        trace_hit hit = trace_closest(origin.xyz, direction, t_max);
+        trace_hit hit;
+        if (ALL_LANES)
+            hit = trace_closest_all(origin.xyz, direction, t_max);
+        else
+            hit = trace_closest(origin.xyz, direction, t_max);
         result.hit = uvec4(floatBitsToUint(hit.t), hit.instance, hit.triangle, trace_guard);
         result.barycentrics = vec4(hit.barycentrics, 0.0, 0.0);
     }
