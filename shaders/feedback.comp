@@ -43,6 +43,10 @@ void main()
     if (p.cell == NONE || !(p.area > 0.0))
         return;
     bool is_exact;
+    bool is_weak = (p.cell & CELL_WEAK) != 0u;
+    p.cell &= ~CELL_WEAK;
+    if (is_weak)
+        ADD_FIXED(feedback[p.cell].weak_low, feedback[p.cell].weak_high, p.root * 1048576.0, is_exact);
     ADD_FIXED(feedback[p.cell].area_low, feedback[p.cell].area_high, p.area * 65536.0, is_exact);
     ADD_FIXED(feedback[p.cell].root_low, feedback[p.cell].root_high, p.root * 1048576.0, is_exact);
     if (has(FEATURE_VARIANCE) && (frame.flags & FLAG_HAS_PREVIOUS) != 0u)

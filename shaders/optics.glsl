@@ -36,6 +36,14 @@ struct differential {
     vec3 p_u, p_v, d_u, d_v;
 };
 
+void differential_scale(inout differential x, float scale)
+{
+    x.p_u *= scale;
+    x.p_v *= scale;
+    x.d_u *= scale;
+    x.d_v *= scale;
+}
+
 // Below these cosines the linearisation is meaningless: grazing transfer and grazing exit are clamped and counted.
 const float TRANSFER_COS_MIN = 1e-4;
 const float REFRACT_COS_MIN = 1e-3;

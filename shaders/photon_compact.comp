@@ -133,7 +133,7 @@ photon make_photon(photon_ray ray)
     vec2 extent = sqrt(vec2(cxx, cyy)) / (1.0 - bend);
 
     if (AA == AA_PIXEL) {
-        if (ray.state != 0u || any(lessThan(center, vec2(0.0))) ||
+        if ((ray.state & STATE_HIDDEN) != 0u || any(lessThan(center, vec2(0.0))) ||
             any(greaterThanEqual(center, vec2(float(frame.width), float(frame.height)))))
             return p;
     } else if (any(lessThan(center + extent, vec2(0.0))) ||
@@ -156,10 +156,10 @@ photon make_photon(photon_ray ray)
     // a visible neighbour spills behind the edge counts as seen.
     fate = sees_center ? FATE_SPLATTED : FATE_CULLED_VISIBILITY;
 
-    p.cell = ray.cell;
+    p.cell = ray.cell | ((ray.state & STATE_WEAK) != 0u ? CELL_WEAK : 0u);
     // Photons at a rim count as well: a coarse one just out of sight spills more light into view than it should.
     p.area = min(area, AREA_MAX);
-    p.root = sqrt(p.area * total / frame.cell_flux);
+    p.root = sqrt(clamp(p.area, 0.5, 16.0) * total / frame.cell_flux);
     p.ellipse = vec4(u00, u01, u11, extent.y);
     p.center = vec4(center, w);
     if (AA == AA_PIXEL)

@@ -44,6 +44,10 @@ void main()
                           float(frame.subframe) * vec2(0.7548776662, 0.5698402910));
             hash = hash_mix(hash, frame.subframe);
         }
+        uvec2 turn = uvec2(0u); // which strata carry thinned branches changes with the subframe
+        if ((frame.flags & FLAG_JITTER) != 0u)
+            turn = uvec2(hash_word(frame.subframe ^ frame.seed), hash_word(frame.subframe + 0x9e37u));
+        uvec2 lattice = (cell_place(node) * side + uvec2(rest % side, rest / side) + turn) & 3u;
         vec2 stratum = vec2(float(rest % side), float(rest / side)) + place;
         float size = 1.0 / (float(frame.cells) * float(side)); // of a stratum
         vec2 uv = vec2(cell_place(node)) / float(frame.cells) + stratum * size;
@@ -64,7 +68,7 @@ void main()
         ray.cell = node;
         ray.hash = hash;
         ray.medium = NONE;
-        ray.state = 0u;
+        ray.state = (lattice.x << 14) | (lattice.y << 16);
         rays[task] = ray;
         queue[task] = task;
         emitted = ray.flux.w;

@@ -17,6 +17,7 @@ layout(std430, binding = BINDING_PASS + 2) writeonly buffer child_buffer { photo
 layout(std430, binding = BINDING_PASS + 3) readonly buffer queue_buffer { uint queue[]; };
 layout(std430, binding = BINDING_PASS + 4) writeonly buffer outcome_buffer { uint outcomes[]; };
 layout(std430, binding = BINDING_PASS + 5) writeonly buffer group_buffer { uvec2 group_totals[]; };
+layout(std430, binding = BINDING_PASS + 6) readonly buffer thinning_buffer { uint thinning[]; };
 
 layout(push_constant) uniform push_block { uint parity; };
 
@@ -46,7 +47,7 @@ void spawn(photon_ray ray, uint slot, vec3 origin, vec3 direction, differential 
     ray_set_differential(ray, x);
     ray.hash = hash_mix(ray.hash, branch + 1u);
     ray.medium = medium;
-    ray.state = ((ray.state & 0xffu) + 1u) | (splits << 8) | (last << 12);
+    ray.state = (ray.state & 0x7c000u) + ((ray.state & 0xffu) + 1u) + (splits << 8) + (last << 12);
     children[slot] = ray;
 }
 
@@ -123,7 +124,7 @@ void main()
                         vec3 start = offset_origin(s.position, geometric);
                         vec3 to_eye = frame.eye.xyz - start;
                         bool hidden = dot(to_eye, geometric) <= 0.0 || trace_any(start, to_eye, 1.0);
-                        ray.state = hidden ? 1u : 0u;
+                        ray.state |= hidden ? STATE_HIDDEN : 0u;
                     }
                     rays[slot] = ray;
                 }
@@ -164,6 +165,8 @@ void main()
 
                 // which branches to follow
                 bool take_reflect, take_refract;
+                uint weak_branch = 0u;   // 1: refraction, 2: reflection, when both are followed
+                float weak_scale = 1.0;  // its photons lie that much further apart
                 float scale = 1.0; // of a branch chosen at random: its photons lie that much further apart
                 uint new_splits = splits;
                 uint rule = SPLIT;
@@ -185,6 +188,30 @@ void main()
                         new_splits++;
                 } else if (rule == SPLIT_ENERGY_RULE && may_split && weaker >= SPLIT_SHARE_MIN * ray.flux.w) {
                     take_reflect = take_refract = true;
+                    // Where weaker branches matter little, one stratum in `step` by `step` follows them for all.
+                    uint step = DENSITY == DENSITY_UNIFORM_RULE || (ray.state & STATE_WEAK) != 0u ? 1u : thinning[ray.cell];
+                    bool weak_is_reflect = reflectance < 0.5;
+                    if (step > 1u) {
+                        uvec2 lattice = uvec2(ray.state >> 14, ray.state >> 16) & 3u;
+                        bool carries = lattice.x % step == 0u && lattice.y % step == 0u;
+                        vec3 weak_flux = weak_is_reflect ? reflected_flux : refracted_flux;
+                        float others = carries ? float(step * step - 1u) : 0.0;
+                        if (carries) {
+                            finish(FATE_THINNED_IN, others * weak_flux);
+                            weak_scale = float(step);
+                            if (weak_is_reflect)
+                                reflected_flux *= 1.0 + others;
+                            else {
+                                refracted_flux *= 1.0 + others;
+                                lost_tint *= 1.0 + others;
+                            }
+                        } else {
+                            finish(FATE_THINNED_OUT, weak_flux + (weak_is_reflect ? vec3(0.0) : flux - transmitted));
+                            take_reflect = !weak_is_reflect;
+                            take_refract = weak_is_reflect;
+                        }
+                    }
+                    weak_branch = weak_is_reflect ? 2u : 1u;
                 } else {
                     take_reflect = hash_unit(hash_mix(ray.hash, 0x51u)) < reflectance;
                     take_refract = !take_reflect;
@@ -200,14 +227,16 @@ void main()
                     new_splits++;
                     counts |= 1u << 16;
                 }
-                x.p_u *= scale;
-                x.p_v *= scale;
-                x.d_u *= scale;
-                x.d_v *= scale;
+                differential_scale(x, scale);
 
                 uint next = stride * index;
+                uint flags = ray.state;
                 if (take_refract) {
                     differential y = x;
+                    if (weak_branch == 1u) {
+                        differential_scale(y, weak_scale);
+                        ray.state = flags | STATE_WEAK;
+                    }
                     vec3 turned = direction;
                     uint medium = ray.medium;
                     if (!thin) {
@@ -225,6 +254,11 @@ void main()
                 if (take_reflect) {
                     vec3 turned = reflect(direction, normal);
                     differential y = x;
+                    ray.state = flags;
+                    if (weak_branch == 2u) {
+                        differential_scale(y, weak_scale);
+                        ray.state = flags | STATE_WEAK;
+                    }
                     reflect_differential(y, direction, normal, s);
                     if (dot(turned, geometric) <= 0.0)
                         turned = reflect(direction, geometric);

@@ -26,7 +26,8 @@ bool density_prepare(struct view *view)
            view_buffer(view, BUFFER_TREE, (cells * 4 / 3 + 1) * sizeof(uint32_t)) &&
            view_buffer(view, BUFFER_PARTIALS, 2 * (size_t)groups_of((uint32_t)cells) * sizeof(vec2)) &&
            view_buffer(view, BUFFER_FEEDBACK, cells * sizeof(struct feedback_gpu)) &&
-           view_buffer(view, BUFFER_VARIANCE, cells * sizeof(float));
+           view_buffer(view, BUFFER_VARIANCE, cells * sizeof(float)) &&
+           view_buffer(view, BUFFER_THINNING, cells * sizeof(uint32_t));
 }
 
 void density_record(struct view *view, struct gpu_frame *frame)
@@ -63,10 +64,14 @@ void density_record(struct view *view, struct gpu_frame *frame)
                                                    {BINDING_PASS + 2, GPU_READ, BUFFER_FEEDBACK},
                                                    {BINDING_PASS + 3, GPU_READ, density_before(view)},
                                                    {BINDING_PASS + 4, GPU_WRITE, density_now(view)},
-                                                   {BINDING_PASS + 5, GPU_WRITE, BUFFER_VARIANCE})});
-    } else if (view->has_density)
-        gpu_record_copy(frame, view->buffers[density_now(view)], 0, view->buffers[density_before(view)], 0,
-                        cells * sizeof(float));
+                                                   {BINDING_PASS + 5, GPU_WRITE, BUFFER_VARIANCE},
+                                                   {BINDING_PASS + 6, GPU_WRITE, BUFFER_THINNING})});
+    } else {
+        gpu_record_fill(frame, view->buffers[BUFFER_THINNING], 0, cells * sizeof(uint32_t), 1);
+        if (view->has_density)
+            gpu_record_copy(frame, view->buffers[density_now(view)], 0, view->buffers[density_before(view)], 0,
+                            cells * sizeof(float));
+    }
     if (view->mask_is_stale) {
         gpu_record_upload(frame, view->buffers[BUFFER_BOXES], 0, renderer->caster_boxes,
                           renderer->caster_box_count * sizeof(struct caster_box));

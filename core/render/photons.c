@@ -53,7 +53,8 @@ void photons_record(struct view *view, struct gpu_frame *frame)
                                                    {BINDING_PASS + 2, GPU_WRITE, children},
                                                    {BINDING_PASS + 3, GPU_READ, queue},
                                                    {BINDING_PASS + 4, GPU_WRITE, BUFFER_OUTCOMES},
-                                                   {BINDING_PASS + 5, GPU_WRITE, BUFFER_GROUPS})});
+                                                   {BINDING_PASS + 5, GPU_WRITE, BUFFER_GROUPS},
+                                                   {BINDING_PASS + 6, GPU_READ, BUFFER_THINNING})});
         gpu_pass_end(frame);
         gpu_pass_begin(frame, "compact");
         view_dispatch(view, frame,

@@ -31,6 +31,7 @@
     S(flux_escaped, "W", "left the scene")                                                                       \
     S(flux_bounce_limit, "W", "lost to max_bounces")                                                             \
     S(flux_split_once, "W", "branches that split=once and capacity do not follow")                               \
+    S(flux_thinned, "W", "weaker branches left to others on the lattice, less what those carry: sampling error, near 0")  \
     S(flux_buffer, "W", "integral of the caustics buffer's irradiance over what the view sees")                  \
     S(kernel_evaluations, "count", "times a splat's kernel was evaluated at a pixel")                            \
     S(kernel_pixels, "count", "evaluations that fell inside the ellipse")                                        \

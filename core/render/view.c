@@ -19,7 +19,7 @@ static uint64_t now_ns(void)
 
 static const char *const buffer_names[BUFFER_COUNT] = {
     "frame",      "lights",     "counters", "caster boxes",     "caster mask", "density",   "density",
-    "quadtree",   "partials",   "feedback", "variance",         "rays",        "rays",      "queue",
+    "quadtree",   "partials",   "feedback", "variance", "thinning", "rays",        "rays",      "queue",
     "queue",      "outcomes",   "groups",   "photons",          "surfaces",    "targets",   "sums",
     "irradiance", "irradiance", "output",   "readback",         "counters readback",
 };
@@ -602,13 +602,13 @@ static void add_counters(struct view *view, double weight)
     static const enum stat_id fluxes[FATE_COUNT] = {
         STAT_flux_emitted,  STAT_flux_splatted, STAT_flux_culled_visibility, STAT_flux_culled_solid_angle,
         STAT_flux_culled_energy, STAT_flux_direct, STAT_flux_absorbed, STAT_flux_escaped,
-        STAT_flux_bounce_limit, STAT_flux_split_once, STAT_flux_buffer};
+        STAT_flux_bounce_limit, STAT_flux_split_once, STAT_flux_thinned, STAT_flux_thinned, STAT_flux_buffer};
     const struct counters_gpu *counters = gpu_buffer_map(view->buffers[BUFFER_READBACK_COUNTERS]);
     double *stats = view->result.stats;
     for (size_t i = 0; i < sizeof counts / sizeof *counts; i++)
         stats[counts[i].stat] += counters->count[counts[i].count];
     for (int i = 0; i < FATE_COUNT; i++)
-        stats[fluxes[i]] += fixed_value(counters, i, (double)view->data.flux_unit) * weight;
+        stats[fluxes[i]] += fixed_value(counters, i, (double)view->data.flux_unit) * (i == FATE_THINNED_IN ? -weight : weight);
     stats[STAT_cells_masked] = counters->count[COUNT_CELLS];
     stats[STAT_density_total] = (double)counters->density_total;
     stats[STAT_density_largest] = (double)counters->density_largest;

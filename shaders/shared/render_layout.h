@@ -153,7 +153,8 @@ struct photon_ray {
     uint cell;       /* in the atlas, Morton order */
     uint hash;       /* of its fixed place: light, cell, sample, branches */
     uint medium;     /* material of the solid it is in, NONE: air */
-    uint state;      /* bits 0-7 bounces, 8-11 splits, 12-13 last interaction */
+    uint state;      /* bits 0-7 bounces, 8-11 splits, 12-13 last interaction, 14-15 and 16-17 its place on the
+                        lattice of strata modulo 4, 18 on a weaker branch */
 };
 SHARED_SIZE(photon_ray, 112);
 
@@ -165,12 +166,14 @@ struct photon {
                        sides x, y px instead, at most 1 px each */
     vec4 center;    /* px; zw: w */
     vec4 density;   /* rgb irradiance of the kernel at its middle, W/m^2, or flux for aa=pixel; w: plane slack, m */
-    uint cell;      /* NONE: not drawn */
+    uint cell;      /* NONE: not drawn; CELL_WEAK is set on a weaker branch */
     float area;     /* projected, px^2, without filter and limits */
     float root;     /* sqrt(area * flux / flux of a mean cell), px */
     float share;    /* of its cell's flux */
 };
 SHARED_SIZE(photon, 80);
+
+#define CELL_WEAK 0x80000000u
 
 /* What the trace pass says of a ray. */
 #define OUTCOME_CHILD0 1u
@@ -188,8 +191,10 @@ SHARED_SIZE(photon, 80);
 #define FATE_ESCAPED            7
 #define FATE_BOUNCE_LIMIT       8
 #define FATE_SPLIT_ONCE         9
-#define FATE_BUFFER             10
-#define FATE_COUNT              11
+#define FATE_THINNED_OUT        10 /* weaker branches left to a neighbour on the lattice, */
+#define FATE_THINNED_IN         11 /* and what those neighbours carry for others */
+#define FATE_BUFFER             12
+#define FATE_COUNT              13
 #define FATE_NONE               15
 
 /* Counts beside the ledger. */
@@ -217,8 +222,8 @@ SHARED_SIZE(photon, 80);
 /* One per view, read back whole every frame. The first part is zeroed at the start of a frame. */
 struct counters_gpu {
     uint count[COUNT_COUNT];
-    uint flux_low[12];  /* ledger, 64-bit fixed point in flux_unit: low words */
-    uint flux_high[12]; /* and high words */
+    uint flux_low[16];  /* ledger, 64-bit fixed point in flux_unit: low words */
+    uint flux_high[16]; /* and high words */
     /* the photon loop */
     uint task_count;       /* photons to emit */
     uint photon_count;     /* stored so far */
@@ -235,14 +240,14 @@ struct counters_gpu {
     float suggestion_scale; /* sqrt rule: makes the total that of the area rule */
 };
 #define QUEUE_COUNT 3 /* in queue[4 parity + ...] */
-SHARED_SIZE(counters_gpu, 272);
+SHARED_SIZE(counters_gpu, 304);
 
 /* Accumulators of one cell's feedback, 64-bit fixed point as low and high word. */
 struct feedback_gpu {
     uint area_low, area_high; /* sum of projected areas, 2^-16 px^2 */
     uint root_low, root_high; /* sum of sqrt(area * share), 2^-20 px */
     uint change_low, change_high; /* sum of share * relative change, 2^-24 */
-    uint pad0, pad1;
+    uint weak_low, weak_high; /* like root, of photons on weaker branches only */
 };
 SHARED_SIZE(feedback_gpu, 32);
 
