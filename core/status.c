@@ -15,7 +15,7 @@ bool error_set(struct error *error, enum status status, const char *format, ...)
 
 const char *status_name(enum status status)
 {
-    static const char *const names[] = {"ok",    "invalid",          "not found",    "unsupported",
+    static const char *const names[] = {"ok",    "invalid",          "not found",     "unsupported",
                                         "limit", "input and output", "Vulkan device", "out of memory"};
     return (unsigned)status < sizeof names / sizeof *names ? names[status] : "unknown";
 }

@@ -18,16 +18,16 @@
 #define SCENE_NONE UINT32_MAX
 
 /* Limits; the importer refuses what passes them and names the thing. */
-#define SCENE_MAX_TRIANGLES (64u << 20)
-#define SCENE_MAX_VERTICES  (64u << 20)
-#define SCENE_MAX_NODES     (1u << 20)
-#define SCENE_MAX_INSTANCES 65536u
-#define SCENE_MAX_LIGHTS    64u
-#define SCENE_MAX_MATERIALS 65536u
-#define SCENE_MAX_IMAGE_SIZE 8192u            /* pixels along a side */
-#define SCENE_MAX_TEXELS    (64u << 20)       /* of all images together */
+#define SCENE_MAX_TRIANGLES  (64u << 20)
+#define SCENE_MAX_VERTICES   (64u << 20)
+#define SCENE_MAX_NODES      (1u << 20)
+#define SCENE_MAX_INSTANCES  65536u
+#define SCENE_MAX_LIGHTS     64u
+#define SCENE_MAX_MATERIALS  65536u
+#define SCENE_MAX_IMAGE_SIZE 8192u       /* pixels along a side */
+#define SCENE_MAX_TEXELS     (64u << 20) /* of all images together */
 #define SCENE_MAX_FILE_BYTES (2ull << 30)
-#define SCENE_NAME_SIZE     64u
+#define SCENE_NAME_SIZE      64u
 
 enum material_kind {
     MATERIAL_DIFFUSE,    /* receives light */
@@ -44,11 +44,11 @@ struct scene_material {
     float base_color[3];
     uint32_t base_color_image; /* SCENE_NONE: none; texel multiplies base_color */
     float metallic, roughness, transmission;
-    float ior;                     /* >= 1; default 1.5 */
-    float attenuation_color[3];    /* colour after attenuation_distance metres */
-    float attenuation_distance;    /* 0: no attenuation */
-    float emission[3];             /* W/(m^2 sr), emissive_strength applied */
-    uint32_t emission_image;       /* SCENE_NONE: none */
+    float ior;                  /* >= 1; default 1.5 */
+    float attenuation_color[3]; /* colour after attenuation_distance metres */
+    float attenuation_distance; /* 0: no attenuation */
+    float emission[3];          /* W/(m^2 sr), emissive_strength applied */
+    uint32_t emission_image;    /* SCENE_NONE: none */
     bool double_sided;
 };
 
@@ -75,12 +75,12 @@ struct scene_mesh {
 
 struct scene_node {
     char name[SCENE_NAME_SIZE];
-    uint32_t parent;         /* SCENE_NONE: root. A parent's index is always smaller than its child's. */
+    uint32_t parent; /* SCENE_NONE: root. A parent's index is always smaller than its child's. */
     float translation[3];
-    float rotation[4];       /* quaternion x, y, z, w; unit */
+    float rotation[4]; /* quaternion x, y, z, w; unit */
     float scale[3];
-    bool has_matrix;         /* then `matrix` instead of translation, rotation, scale */
-    float matrix[16];        /* column-major */
+    bool has_matrix;  /* then `matrix` instead of translation, rotation, scale */
+    float matrix[16]; /* column-major */
 };
 
 struct scene_instance {
@@ -90,19 +90,20 @@ struct scene_instance {
 enum light_type { LIGHT_POINT, LIGHT_SPOT, LIGHT_DIRECTIONAL };
 
 struct scene_light {
-    char name[SCENE_NAME_SIZE]; /* unique in the scene: the light's or node's name, numbered when it repeats */
+    char
+        name[SCENE_NAME_SIZE]; /* unique in the scene: the light's or node's name, numbered when it repeats */
     uint32_t node;
     enum light_type type;
-    float intensity[3];                 /* colour times intensity */
-    float inner_cone, outer_cone;       /* spot: half angles, 0 <= inner < outer <= pi/2 */
-    bool is_emissive_mesh;              /* stands in for an emissive mesh: a cosine emitter (intensity
-                                           I cos(theta) about the direction) at its centroid, see scene.warnings */
+    float intensity[3];           /* colour times intensity */
+    float inner_cone, outer_cone; /* spot: half angles, 0 <= inner < outer <= pi/2 */
+    bool is_emissive_mesh;        /* stands in for an emissive mesh: a cosine emitter (intensity
+                                     I cos(theta) about the direction) at its centroid, see scene.warnings */
 };
 
 struct scene_camera {
     char name[SCENE_NAME_SIZE]; /* unique in the scene */
     uint32_t node;
-    float yfov;  /* vertical, radians */
+    float yfov;   /* vertical, radians */
     float aspect; /* width/height; 0: free */
 };
 
@@ -180,8 +181,8 @@ struct scene_pose {
 struct scene_pose *scene_pose_create(const struct scene *scene, struct error *error);
 void scene_pose_destroy(struct scene_pose **pose);
 
-/* Evaluates at `time` seconds (any finite value; loops over scene.duration; negative counts back from the end).
- * Returns true when anything differs from what the pose held before. */
+/* Evaluates at `time` seconds (any finite value; loops over scene.duration; negative counts back from the
+ * end). Returns true when anything differs from what the pose held before. */
 bool scene_pose_set_time(const struct scene *scene, struct scene_pose *pose, double time);
 
 #endif

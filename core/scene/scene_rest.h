@@ -5,8 +5,8 @@
 
 #include "scene_builder.h"
 
-/* Removes instances that cannot be traced at time 0, because their transform has no volume or takes them further than
- * 1e9 m away, with a warning each. Those whose scale is animated stay: they may open up. */
+/* Removes instances that cannot be traced at time 0, because their transform has no volume or takes them
+ * further than 1e9 m away, with a warning each. Those whose scale is animated stay: they may open up. */
 void scene_drop_collapsed(struct scene_builder *builder);
 
 /* Gives every instance of an emissive material a light that stands in for it, with a warning that says so:

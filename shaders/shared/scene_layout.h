@@ -3,7 +3,8 @@
 #define SCENE_LAYOUT_H
 #include "shared.h"
 
-#define BINDING_NODES     0 /* bvh nodes (bottom levels, then the top level), or the top-level acceleration structure */
+#define BINDING_NODES                                                                                        \
+    0 /* bvh nodes (bottom levels, then the top level), or the top-level acceleration structure */
 #define BINDING_TRIANGLES 1 /* bvh triangles; bvh tracer only */
 #define BINDING_INSTANCES 2
 #define BINDING_VERTICES  3
@@ -20,9 +21,9 @@ struct scene_vertex_gpu {
 };
 
 struct scene_instance_gpu {
-    vec4 to_world[3];  /* rows of 3x4 */
+    vec4 to_world[3]; /* rows of 3x4 */
     vec4 to_object[3];
-    uint first_index;  /* of its mesh in the index list; indices are absolute vertex numbers */
+    uint first_index; /* of its mesh in the index list; indices are absolute vertex numbers */
     uint material;
     uint bvh_root;     /* first node of the mesh's bottom-level tree; bvh tracer only */
     uint bvh_triangle; /* first entry of the mesh's triangles in the triangle list; bvh tracer only */
