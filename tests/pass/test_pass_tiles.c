@@ -1,0 +1,609 @@
+/* test_pass_tiles.c: light tiles against closed forms: the equal-area maps from Shirley and Chiu 1997 and
+ * Clarberg 2008 inverted in double precision, flux by solid angle, derivatives by finite differences, and the
+ * caster mask against rays through every cell.
+ */
+#include <string.h>
+
+#include "tests/support/check.h"
+#include "tests/support/pass_device.h"
+
+static struct pass_device *device;
+static const double pi = 3.14159265358979323846;
+
+static int set_up(void **state)
+{
+    (void)state;
+    device = pass_device_create();
+    return 0;
+}
+
+static int tear_down(void **state)
+{
+    (void)state;
+    pass_device_destroy(&device);
+    return 0;
+}
+
+/* ---- the maps, in double ------------------------------------------------------------------------------- */
+
+struct vector {
+    double x, y, z;
+};
+
+static double dot(struct vector a, struct vector b)
+{
+    return a.x * b.x + a.y * b.y + a.z * b.z;
+}
+
+static struct vector cross(struct vector a, struct vector b)
+{
+    return (struct vector){a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
+}
+
+static struct vector of4(vec4 v)
+{
+    return (struct vector){(double)v.x, (double)v.y, (double)v.z};
+}
+
+/* Square to cap of height 1 - cos(half angle): concentric squares become circles, radii go with the root of
+ * the area. */
+static struct vector cap_direction(double u, double v, double height)
+{
+    double a = 2 * u - 1, b = 2 * v - 1, r, angle;
+    if (a * a > b * b) {
+        r = a;
+        angle = pi / 4 * b / a;
+    } else if (b != 0) {
+        r = b;
+        angle = pi / 2 - pi / 4 * a / b;
+    } else
+        return (struct vector){0, 0, 1};
+    double down = height * r * r, sine = sqrt(down * (2 - down));
+    sine = r < 0 ? -sine : sine;
+    return (struct vector){sine * cos(angle), sine * sin(angle), 1 - down};
+}
+
+static void cap_place(struct vector d, double height, double *u, double *v)
+{
+    double sine2 = d.x * d.x + d.y * d.y;
+    double down = d.z > 0 ? sine2 / (1 + d.z) : 1 - d.z;
+    double r = sqrt(down / height), angle = atan2(d.y, d.x), a, b;
+    if (angle < -pi / 4)
+        angle += 2 * pi;
+    if (angle < pi / 4) {
+        a = r;
+        b = angle * a / (pi / 4);
+    } else if (angle < 3 * pi / 4) {
+        b = r;
+        a = -(angle - pi / 2) * b / (pi / 4);
+    } else if (angle < 5 * pi / 4) {
+        a = -r;
+        b = (angle - pi) * a / (pi / 4);
+    } else {
+        b = -r;
+        a = -(angle - 3 * pi / 2) * b / (pi / 4);
+    }
+    *u = 0.5 * (a + 1);
+    *v = 0.5 * (b + 1);
+}
+
+static struct vector octahedron_direction(double u, double v)
+{
+    double a = fabs(2 * u - 1), b = fabs(2 * v - 1);
+    bool is_upper = a + b <= 1;
+    double r = is_upper ? a + b : 2 - a - b;
+    double angle = r > 0 ? pi / 4 * ((b - a) / r + 1) : 0;
+    double sine = r * sqrt(2 - r * r), z = 1 - r * r;
+    return (struct vector){copysign(sine * cos(angle), 2 * u - 1), copysign(sine * sin(angle), 2 * v - 1),
+                           is_upper ? z : -z};
+}
+
+static void octahedron_place(struct vector d, double *u, double *v)
+{
+    double r = sqrt((d.x * d.x + d.y * d.y) / (1 + fabs(d.z)));
+    double b = r * atan2(fabs(d.y), fabs(d.x)) / (pi / 2), a = r - b;
+    if (d.z < 0) {
+        double swap = a;
+        a = 1 - b;
+        b = 1 - swap;
+    }
+    *u = 0.5 * (1 + copysign(a, d.x));
+    *v = 0.5 * (1 + copysign(b, d.y));
+}
+
+static struct vector to_world(const struct light_gpu *light, struct vector d)
+{
+    struct vector x = of4(light->tile_x), y = of4(light->tile_y), z = of4(light->tile_z);
+    return (struct vector){x.x * d.x + y.x * d.y + z.x * d.z, x.y * d.x + y.y * d.y + z.y * d.z,
+                           x.z * d.x + y.z * d.y + z.z * d.z};
+}
+
+static struct vector to_local(const struct light_gpu *light, struct vector d)
+{
+    return (struct vector){dot(of4(light->tile_x), d), dot(of4(light->tile_y), d),
+                           dot(of4(light->tile_z), d)};
+}
+
+static struct vector tile_direction(const struct light_gpu *light, double u, double v)
+{
+    return to_world(light, light->map == TILE_CAP ? cap_direction(u, v, (double)light->tile_z.w)
+                                                  : octahedron_direction(u, v));
+}
+
+/* What a ray carries of the intensity: KHR_lights_punctual for spots, the cosine of a patch. */
+static double falloff(const struct light_gpu *light, struct vector d)
+{
+    double cosine = dot(d, of4(light->direction));
+    if (light->type == LIGHT_TYPE_COSINE)
+        return fmax(cosine, 0);
+    if (light->type != LIGHT_TYPE_SPOT)
+        return 1;
+    double outer = (double)light->position.w, inner = (double)light->direction.w;
+    double scale = 1 / fmax(0.001, inner - outer), offset = -outer * scale;
+    double attenuation = fmin(fmax(cosine * scale + offset, 0), 1);
+    return attenuation * attenuation;
+}
+
+/* ---- lights -------------------------------------------------------------------------------------------- */
+
+static vec4 with_w(struct vector v, double w)
+{
+    return (vec4){(float)v.x, (float)v.y, (float)v.z, (float)w};
+}
+
+/* A tile frame about `z`, turned about it by something. */
+static void set_frame(struct light_gpu *light, struct vector z)
+{
+    double length = sqrt(dot(z, z));
+    z = (struct vector){z.x / length, z.y / length, z.z / length};
+    struct vector side = cross(z, (struct vector){0.31, -0.62, 0.72});
+    length = sqrt(dot(side, side));
+    struct vector x = {side.x / length, side.y / length, side.z / length};
+    light->tile_x = with_w(x, 0);
+    light->tile_y = with_w(cross(z, x), 0);
+    light->tile_z = with_w(z, 0);
+    light->direction = with_w(z, 1);
+}
+
+static struct light_gpu light_of(uint32_t type, uint32_t map, struct vector axis, double half_angle)
+{
+    struct light_gpu light = {.type = type, .map = map};
+    light.position = (vec4){0.7f, 2.5f, -1.25f, (float)cos(half_angle)};
+    light.intensity = (vec4){3, 5, 0.5f, 8.5f};
+    set_frame(&light, axis);
+    double height = 2 * pow(sin(0.5 * half_angle), 2);
+    light.direction.w = (float)cos(0.6 * half_angle);
+    light.tile_z.w = (float)height;
+    light.tile_origin.w = (float)(map == TILE_CAP ? 2 * pi * height : 4 * pi);
+    return light;
+}
+
+static struct light_gpu beam_of(struct vector axis, double half_x, double half_y)
+{
+    struct light_gpu light = light_of(LIGHT_TYPE_DIRECTIONAL, TILE_RECT, axis, 1);
+    light.tile_x.w = (float)half_x;
+    light.tile_y.w = (float)half_y;
+    light.tile_origin = (vec4){-4, 1.5f, 2, (float)(4 * half_x * half_y)};
+    return light;
+}
+
+/* ---- emission ------------------------------------------------------------------------------------------ */
+
+struct emission {
+    struct photon_ray *rays;
+    uint32_t count;
+    double ledger; /* W, of the shader */
+};
+
+/* Emits sides[i]^2 photons from cell i of the light's tile. */
+static struct emission emit(const struct light_gpu *light, uint32_t cells, const uint32_t *sides)
+{
+    uint32_t total = cells * cells;
+    struct frame_gpu frame = {.cells = cells, .tile_slots = 1, .light_count = 1, .seed = 1};
+    while (1u << frame.tile_levels < cells)
+        frame.tile_levels++;
+    double most = (double)light->intensity.w * (double)light->tile_origin.w;
+    frame.flux_unit = (float)(most * 0x1p-40);
+    uint32_t *tree = calloc(pass_tree_size(total), sizeof *tree);
+    assert_non_null(tree);
+    for (uint32_t i = 0; i < total; i++)
+        tree[i] = sides[i] * sides[i];
+    pass_tree_fill(tree, total);
+    struct emission e = {.count = tree[pass_tree_size(total) - 1]};
+    e.rays = calloc(e.count, sizeof *e.rays);
+    uint32_t *queue = calloc(e.count, sizeof *queue);
+    assert_true(e.rays && queue);
+    struct counters_gpu counters = {.task_count = e.count};
+    pass_device_run(
+        device, &(struct pass_run){.shader = "photon_emit.comp",
+                                   .features = FEATURE_POINT | FEATURE_SPOT | FEATURE_DIRECTIONAL,
+                                   .threads = e.count,
+                                   PASS_LISTS({BINDING_FRAME, GPU_READ, &frame, sizeof frame},
+                                              {BINDING_LIGHTS, GPU_READ, (void *)light, sizeof *light},
+                                              {BINDING_PASS, GPU_READ_WRITE, &counters, sizeof counters},
+                                              {BINDING_PASS + 1, GPU_READ, tree, pass_tree_size(total) * 4},
+                                              {BINDING_PASS + 2, GPU_WRITE, e.rays, e.count * sizeof *e.rays},
+                                              {BINDING_PASS + 3, GPU_WRITE, queue, e.count * 4})});
+    for (uint32_t i = 0; i < e.count; i++)
+        assert_int_equal(queue[i], i);
+    e.ledger = pass_fixed(counters.flux_low[FATE_EMITTED], counters.flux_high[FATE_EMITTED]) *
+               (double)frame.flux_unit;
+    free(tree);
+    free(queue);
+    return e;
+}
+
+static uint32_t *equal_sides(uint32_t cells, uint32_t side)
+{
+    uint32_t *sides = calloc(cells * cells, sizeof *sides);
+    assert_non_null(sides);
+    for (uint32_t i = 0; i < cells * cells; i++)
+        sides[i] = side;
+    return sides;
+}
+
+static struct vector change_u(const struct photon_ray *ray)
+{
+    return (struct vector){(double)ray->dp_v1_dd_u.z, (double)ray->dp_v1_dd_u.w, (double)ray->dd_u2_dd_v.x};
+}
+
+static struct vector change_v(const struct photon_ray *ray)
+{
+    return (struct vector){(double)ray->dd_u2_dd_v.y, (double)ray->dd_u2_dd_v.z, (double)ray->dd_u2_dd_v.w};
+}
+
+/* Error of a shader's derivative against central differences, relative to the larger derivative there. */
+static double derivative_error(const struct light_gpu *light, double u, double v, double size,
+                               const struct photon_ray *ray)
+{
+    const double step = 1e-6;
+    double worst = 0, length = 0;
+    struct vector found[2] = {change_u(ray), change_v(ray)};
+    for (int axis = 0; axis < 2; axis++) {
+        double du = axis ? 0 : step, dv = axis ? step : 0;
+        struct vector a = tile_direction(light, u - du, v - dv), b = tile_direction(light, u + du, v + dv);
+        struct vector change = {(b.x - a.x) / (2 * step), (b.y - a.y) / (2 * step), (b.z - a.z) / (2 * step)};
+        struct vector off = {found[axis].x / size - change.x, found[axis].y / size - change.y,
+                             found[axis].z / size - change.z};
+        length = fmax(length, sqrt(dot(change, change)));
+        worst = fmax(worst, sqrt(dot(off, off)));
+    }
+    return worst / length;
+}
+
+/* Directions, fluxes and derivatives of a tile of directions, photon by photon. */
+static void check_directions(const char *name, const struct light_gpu *light, double derivative_tolerance)
+{
+    enum { CELLS = 16, SIDE = 3 };
+    uint32_t *sides = equal_sides(CELLS, SIDE);
+    struct emission e = emit(light, CELLS, sides);
+    assert_int_equal(e.count, CELLS * CELLS * SIDE * SIDE);
+    const double size = 1.0 / (CELLS * SIDE), measure = (double)light->tile_origin.w;
+    double sum = 0, expected = 0, place_error = 0, area_error = 0, change_error = 0;
+    for (uint32_t i = 0; i < e.count; i++) {
+        const struct photon_ray *ray = &e.rays[i];
+        struct vector d = of4(ray->direction);
+        assert_close(dot(d, d), 1, 1e-6);
+        assert_int_equal(ray->cell, i / (SIDE * SIDE));
+        uint32_t x, y, rest = i % (SIDE * SIDE);
+        pass_morton_place(ray->cell, &x, &y);
+        double u = (x * SIDE + rest % SIDE + 0.5) * size, v = (y * SIDE + rest / SIDE + 0.5) * size, u_found,
+               v_found;
+        if (light->map == TILE_CAP)
+            cap_place(to_local(light, d), (double)light->tile_z.w, &u_found, &v_found);
+        else
+            octahedron_place(to_local(light, d), &u_found, &v_found);
+        place_error = fmax(place_error, fmax(fabs(u_found - u), fabs(v_found - v)));
+
+        double share =
+            (double)light->intensity.w * falloff(light, tile_direction(light, u, v)) * measure * size * size;
+        assert_close((double)ray->flux.w, share, 2e-5 * (double)light->intensity.w * measure * size * size);
+        assert_close((double)ray->flux.x * 17, (double)ray->flux.w * 6, 1e-5 * share);
+        assert_close((double)ray->flux.y * 17, (double)ray->flux.w * 10, 1e-5 * share);
+        assert_close((double)ray->origin.w, 1 / (measure * size * size), 1e-5 / (measure * size * size));
+        assert_true(ray->origin.x == light->position.x && ray->origin.y == light->position.y &&
+                    ray->origin.z == light->position.z);
+        assert_int_equal(ray->medium, NONE);
+        sum += (double)ray->flux.w;
+        expected += share;
+
+        /* the maps bend at the square's diagonals and axes, where there is no derivative */
+        double a = fabs(2 * u - 1), b = fabs(2 * v - 1);
+        bool is_crease = fabs(a - b) < 1e-3 || (light->map != TILE_CAP && fabs(a + b - 1) < 1e-3);
+        struct vector area = cross(change_u(ray), change_v(ray));
+        if (!is_crease) {
+            area_error = fmax(area_error, fabs(sqrt(dot(area, area)) / (size * size * measure) - 1));
+            change_error = fmax(change_error, derivative_error(light, u, v, size, ray));
+        }
+    }
+    print_message("%s: place %.1e, area %.1e, derivative %.1e, flux %.1e\n", name, place_error, area_error,
+                  change_error, fabs(sum / expected - 1));
+    assert_in_bound(place_error, 1e-5);
+    assert_in_bound(area_error, derivative_tolerance);
+    assert_in_bound(change_error, derivative_tolerance);
+    assert_close(sum, expected, 1e-5 * expected);
+    assert_close(e.ledger, sum, 1e-5 * sum);
+    free(sides);
+    free(e.rays);
+}
+
+static void caps_are_equal_area(void **state)
+{
+    (void)state;
+    static const double half_angles[] = {0.01, 0.4, 1.2, 1.9};
+    for (int i = 0; i < 4; i++) {
+        char name[32];
+        snprintf(name, sizeof name, "cap of %g rad", half_angles[i]);
+        struct light_gpu light =
+            light_of(LIGHT_TYPE_POINT, TILE_CAP, (struct vector){0.3, -0.8, 0.5}, half_angles[i]);
+        check_directions(name, &light, 1e-4);
+    }
+}
+
+static void the_octahedron_is_equal_area(void **state)
+{
+    (void)state;
+    struct light_gpu light = light_of(LIGHT_TYPE_POINT, TILE_SPHERE, (struct vector){0.3, -0.8, 0.5}, pi);
+    /* its derivatives are one-sided differences over 1/4096 of the tile, in single precision */
+    check_directions("octahedron", &light, 0.01);
+}
+
+/* The share of photons in a part of the tile's solid angle is that part's share, without any word of the map.
+ */
+static void directions_are_uniform(void **state)
+{
+    (void)state;
+    enum { CELLS = 16, SIDE = 24, BANDS = 6, SECTORS = 8 };
+    for (int map = TILE_CAP; map <= TILE_SPHERE; map++) {
+        struct light_gpu light =
+            light_of(LIGHT_TYPE_POINT, (uint32_t)map, (struct vector){-0.5, 0.2, 0.8}, 0.9);
+        double height = map == TILE_CAP ? (double)light.tile_z.w : 2;
+        uint32_t *sides = equal_sides(CELLS, SIDE), counts[BANDS][SECTORS] = {0};
+        struct emission e = emit(&light, CELLS, sides);
+        for (uint32_t i = 0; i < e.count; i++) {
+            struct vector d = to_local(&light, of4(e.rays[i].direction));
+            int band = (int)((1 - d.z) / height * BANDS),
+                sector = (int)((atan2(d.y, d.x) / (2 * pi) + 0.5) * SECTORS);
+            counts[band < 0 ? 0 : band < BANDS ? band : BANDS - 1][sector < SECTORS ? sector : 0]++;
+        }
+        double mean = (double)e.count / (BANDS * SECTORS), worst = 0;
+        for (int i = 0; i < BANDS * SECTORS; i++)
+            worst = fmax(worst, fabs(counts[i / SECTORS][i % SECTORS] / mean - 1));
+        print_message("%s: %u photons in %d equal parts, worst off by %.3f\n",
+                      map == TILE_CAP ? "cap" : "sphere", e.count, BANDS * SECTORS, worst);
+        /* a part's inner and outer border cut a row of some 140 strata each, half of which lies wrong at
+         * most: 140 of 3072 */
+        assert_in_bound(worst, 0.05);
+        free(sides);
+        free(e.rays);
+    }
+}
+
+static void spots_fall_off(void **state)
+{
+    (void)state;
+    struct light_gpu spot = light_of(LIGHT_TYPE_SPOT, TILE_CAP, (struct vector){0.1, -1, 0.2}, 0.7);
+    check_directions("spot", &spot, 1e-4);
+    struct light_gpu sharp = spot;
+    sharp.direction.w = sharp.position.w + 1e-5f; /* inner and outer cone all but the same */
+    check_directions("sharp spot", &sharp, 1e-4);
+
+    /* integrals over the whole tile: the spot's t^2 in cos, and pi for a patch */
+    uint32_t *sides = equal_sides(32, 4);
+    struct emission e = emit(&spot, 32, sides);
+    double inner = cos(0.6 * 0.7), outer = cos(0.7), total = 8.5 * 2 * pi * ((inner - outer) / 3 + 1 - inner);
+    print_message("spot: %.6f W of %.6f\n", e.ledger, total);
+    assert_close(e.ledger, total, 2e-3 * total);
+    free(e.rays);
+    struct light_gpu patch = light_of(LIGHT_TYPE_COSINE, TILE_CAP, (struct vector){0.1, -1, 0.2}, pi / 2);
+    e = emit(&patch, 32, sides);
+    print_message("patch: %.6f W of %.6f\n", e.ledger, 8.5 * pi);
+    assert_close(e.ledger, 8.5 * pi, 1e-3 * 8.5 * pi);
+    free(e.rays);
+    free(sides);
+}
+
+/* Cell flux does not depend on how many photons share it (design 4), and a cell without photons sends
+ * nothing. */
+static void density_leaves_flux_alone(void **state)
+{
+    (void)state;
+    enum { CELLS = 8 };
+    struct light_gpu light = light_of(LIGHT_TYPE_POINT, TILE_CAP, (struct vector){0, 0, -1}, 0.5);
+    uint64_t random = 7;
+    uint32_t sides[CELLS * CELLS];
+    for (int i = 0; i < CELLS * CELLS; i++)
+        sides[i] = (uint32_t)(pass_random(&random) * 21);
+    struct emission e = emit(&light, CELLS, sides);
+    double fluxes[CELLS * CELLS] = {0}, cell_flux = 8.5 * (double)light.tile_origin.w / (CELLS * CELLS);
+    uint32_t counts[CELLS * CELLS] = {0};
+    for (uint32_t i = 0; i < e.count; i++) {
+        assert_true(e.rays[i].cell < CELLS * CELLS);
+        fluxes[e.rays[i].cell] += (double)e.rays[i].flux.w;
+        counts[e.rays[i].cell]++;
+    }
+    for (int i = 0; i < CELLS * CELLS; i++) {
+        assert_int_equal(counts[i], sides[i] * sides[i]);
+        assert_close(fluxes[i], sides[i] ? cell_flux : 0, 1e-5 * cell_flux);
+    }
+    free(e.rays);
+}
+
+static void beams_cover_their_rectangle(void **state)
+{
+    (void)state;
+    enum { CELLS = 8, SIDE = 2 };
+    struct light_gpu light = beam_of((struct vector){0.2, -1, 0.4}, 1.5, 0.25);
+    uint32_t *sides = equal_sides(CELLS, SIDE);
+    struct emission e = emit(&light, CELLS, sides);
+    const double size = 1.0 / (CELLS * SIDE);
+    struct vector x = of4(light.tile_x), y = of4(light.tile_y), middle = of4(light.tile_origin);
+    for (uint32_t i = 0; i < e.count; i++) {
+        const struct photon_ray *ray = &e.rays[i];
+        uint32_t column, row, rest = i % (SIDE * SIDE);
+        pass_morton_place(ray->cell, &column, &row);
+        double across = ((column * SIDE + rest % SIDE + 0.5) * size * 2 - 1) * 1.5;
+        double along = ((row * SIDE + rest / SIDE + 0.5) * size * 2 - 1) * 0.25;
+        assert_close((double)ray->origin.x, middle.x + x.x * across + y.x * along, 1e-6);
+        assert_close((double)ray->origin.y, middle.y + x.y * across + y.y * along, 1e-6);
+        assert_close((double)ray->origin.z, middle.z + x.z * across + y.z * along, 1e-6);
+        assert_close(dot(of4(ray->direction), of4(light.direction)), 1, 1e-6);
+        assert_close((double)ray->flux.w, 8.5 * 1.5 * size * size, 1e-5 * size * size);
+        assert_close((double)ray->origin.w, -1 / (1.5 * size * size), 1e-4 / (size * size));
+        assert_close((double)ray->dp_u_v0.x, x.x * 3 * size, 1e-6);
+        assert_close((double)ray->dp_u_v0.w, y.x * 0.5 * size, 1e-6);
+        struct vector turn = change_u(ray);
+        assert_true(dot(turn, turn) == 0);
+    }
+    assert_close(e.ledger, 8.5 * 1.5, 1e-4);
+    free(sides);
+    free(e.rays);
+}
+
+/* ---- mask ---------------------------------------------------------------------------------------------- */
+
+static bool ray_meets(struct vector o, struct vector d, const struct caster_box *box)
+{
+    const double origin[3] = {o.x, o.y, o.z}, way[3] = {d.x, d.y, d.z};
+    const double low[3] = {(double)box->minimum.x, (double)box->minimum.y, (double)box->minimum.z};
+    const double high[3] = {(double)box->maximum.x, (double)box->maximum.y, (double)box->maximum.z};
+    double first = 0, last = 1e30;
+    for (int k = 0; k < 3; k++) {
+        if (fabs(way[k]) < 1e-300) {
+            if (origin[k] < low[k] || origin[k] > high[k])
+                return false;
+            continue;
+        }
+        double a = (low[k] - origin[k]) / way[k], b = (high[k] - origin[k]) / way[k];
+        first = fmax(first, fmin(a, b));
+        last = fmin(last, fmax(a, b));
+    }
+    return first <= last;
+}
+
+/* Does any of a lattice of rays through the cell, its border included, meet a box? */
+static bool cell_meets(const struct light_gpu *light, uint32_t cells, uint32_t cell,
+                       const struct caster_box *boxes, uint32_t box_count)
+{
+    const uint32_t lattice = cells < 8 ? 128 / cells : 16;
+    uint32_t x, y;
+    pass_morton_place(cell, &x, &y);
+    for (uint32_t i = 0; i <= lattice; i++)
+        for (uint32_t j = 0; j <= lattice; j++) {
+            double u = (x + (double)i / lattice) / cells, v = (y + (double)j / lattice) / cells;
+            struct vector origin = of4(light->position), direction = of4(light->direction);
+            if (light->map == TILE_RECT) {
+                struct vector move =
+                    to_world(light, (struct vector){(2 * u - 1) * (double)light->tile_x.w,
+                                                    (2 * v - 1) * (double)light->tile_y.w, 0});
+                origin = of4(light->tile_origin);
+                origin = (struct vector){origin.x + move.x, origin.y + move.y, origin.z + move.z};
+            } else {
+                direction = tile_direction(light, u, v);
+                if (falloff(light, direction) <= 0)
+                    continue;
+            }
+            for (uint32_t k = 0; k < box_count; k++)
+                if (ray_meets(origin, direction, &boxes[k]))
+                    return true;
+        }
+    return false;
+}
+
+static void fill_mask(const struct light_gpu *light, uint32_t cells, uint32_t flags, struct caster_box *boxes,
+                      uint32_t box_count, uint32_t *mask)
+{
+    uint32_t total = 4 * cells * cells; /* one light in an atlas of four tiles */
+    struct frame_gpu frame = {
+        .cells = cells, .tile_slots = 4, .light_count = 1, .flags = flags, .caster_box_count = box_count};
+    while (1u << frame.tile_levels < cells)
+        frame.tile_levels++;
+    memset(mask, 0xee, total * sizeof *mask);
+    pass_device_run(
+        device, &(struct pass_run){.shader = "caster_mask.comp",
+                                   .features = FEATURE_POINT | FEATURE_SPOT | FEATURE_DIRECTIONAL,
+                                   .threads = total,
+                                   PASS_LISTS({BINDING_FRAME, GPU_READ, &frame, sizeof frame},
+                                              {BINDING_LIGHTS, GPU_READ, (void *)light, sizeof *light},
+                                              {BINDING_PASS, GPU_READ, boxes, box_count * sizeof *boxes},
+                                              {BINDING_PASS + 1, GPU_WRITE, mask, total * sizeof *mask})});
+    for (uint32_t i = 0; i < total; i++)
+        assert_true(i < cells * cells ? mask[i] <= 1 : mask[i] == 0);
+}
+
+static void check_mask(const char *name, const struct light_gpu *light, uint32_t cells)
+{
+    enum { BOXES = 3, SCENES = 4, MOST = 32 };
+    static uint32_t mask[4 * MOST * MOST];
+    uint64_t random = 11 + cells;
+    uint32_t masked = 0, needed = 0, missed = 0;
+    for (int scene = 0; scene < SCENES; scene++) {
+        struct caster_box boxes[BOXES];
+        struct vector axis = of4(light->tile_z),
+                      from = of4(light->map == TILE_RECT ? light->tile_origin : light->position);
+        for (int k = 0; k < BOXES; k++) {
+            /* mostly ahead of the light, some to the side, small and large */
+            double ahead = 2 + 3 * pass_random(&random), aside = light->map == TILE_RECT ? 1.2 : 0.6 * ahead;
+            double half = (k == 0 ? 0.5 : 0.1) * pass_random(&random) + 0.01;
+            float *low = &boxes[k].minimum.x, *high = &boxes[k].maximum.x;
+            const double start[3] = {from.x + ahead * axis.x, from.y + ahead * axis.y,
+                                     from.z + ahead * axis.z};
+            for (int c = 0; c < 3; c++) {
+                double middle = start[c] + aside * (2 * pass_random(&random) - 1),
+                       reach = half * (0.2 + pass_random(&random));
+                low[c] = (float)(middle - reach);
+                high[c] = (float)(middle + reach);
+            }
+        }
+        fill_mask(light, cells, FLAG_CASTER_MASK, boxes, BOXES, mask);
+        for (uint32_t i = 0; i < cells * cells; i++) {
+            bool meets = cell_meets(light, cells, i, boxes, BOXES);
+            needed += meets;
+            masked += mask[i];
+            missed += meets && !mask[i];
+        }
+        fill_mask(light, cells, 0, boxes, BOXES, mask);
+        for (uint32_t i = 0; i < cells * cells; i++)
+            assert_int_equal(mask[i], 1);
+    }
+    print_message("%s, %ux%u: %u cells masked, %u needed of %u, %u missed\n", name, cells, cells, masked,
+                  needed, SCENES * cells * cells, missed);
+    assert_int_equal(missed, 0);
+    if (cells == MOST) { /* conservative, yet it says something */
+        assert_true(needed > 0);
+        assert_true(masked < SCENES * cells * cells / 2);
+    }
+}
+
+static void the_mask_misses_nothing(void **state)
+{
+    (void)state;
+    struct vector axis = {0.25, -0.9, 0.35};
+    for (uint32_t cells = 1; cells <= 32; cells *= 2) {
+        struct light_gpu sphere = light_of(LIGHT_TYPE_POINT, TILE_SPHERE, axis, pi);
+        check_mask("sphere", &sphere, cells);
+        struct light_gpu cap = light_of(LIGHT_TYPE_POINT, TILE_CAP, axis, 0.9);
+        check_mask("cap", &cap, cells);
+        struct light_gpu wide = light_of(LIGHT_TYPE_POINT, TILE_CAP, axis, 1.9);
+        check_mask("wide cap", &wide, cells);
+        struct light_gpu spot = light_of(LIGHT_TYPE_SPOT, TILE_CAP, axis, 0.9);
+        spot.position.w = cosf(0.4f); /* a cone narrower than the tile */
+        spot.direction.w = cosf(0.3f);
+        check_mask("spot", &spot, cells);
+        struct light_gpu patch = light_of(LIGHT_TYPE_COSINE, TILE_CAP, axis, 1.5);
+        check_mask("patch", &patch, cells);
+        struct light_gpu beam = beam_of(axis, 2, 1.2);
+        check_mask("beam", &beam, cells);
+    }
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(caps_are_equal_area),       cmocka_unit_test(the_octahedron_is_equal_area),
+        cmocka_unit_test(directions_are_uniform),    cmocka_unit_test(spots_fall_off),
+        cmocka_unit_test(density_leaves_flux_alone), cmocka_unit_test(beams_cover_their_rectangle),
+        cmocka_unit_test(the_mask_misses_nothing),
+    };
+    return cmocka_run_group_tests(tests, set_up, tear_down);
+}

@@ -1,0 +1,165 @@
+#include "pass_device.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "shaders/shader_table.h"
+#include "tests/support/check.h"
+
+enum { PIPELINES = 64, LISTS = 24, CONSTANTS = 6 };
+
+struct pipeline {
+    const char *shader;
+    uint32_t values[CONSTANTS], mask;
+    struct gpu_pipeline *pipeline;
+};
+
+struct pass_device {
+    struct gpu *gpu;
+    struct pipeline pipelines[PIPELINES];
+    uint32_t pipeline_count;
+};
+
+static void check(bool done, const char *what, const struct error *error)
+{
+    if (!done)
+        fail_msg("%s: %s", what, error->message);
+}
+
+struct pass_device *pass_device_create(void)
+{
+    struct error error;
+    struct pass_device *device = calloc(1, sizeof *device);
+    assert_non_null(device);
+    device->gpu = gpu_create(&(struct gpu_params){0}, &error);
+    check(device->gpu != NULL, "device", &error);
+    return device;
+}
+
+void pass_device_destroy(struct pass_device **device)
+{
+    struct pass_device *d = *device;
+    if (!d)
+        return;
+    for (uint32_t i = 0; i < d->pipeline_count; i++)
+        gpu_pipeline_destroy(&d->pipelines[i].pipeline);
+    gpu_destroy(&d->gpu);
+    free(d);
+    *device = NULL;
+}
+
+static struct gpu_pipeline *find_pipeline(struct pass_device *device, const struct pass_run *run)
+{
+    static const uint32_t ids[CONSTANTS] = {CONSTANT_FEATURES, CONSTANT_SPLIT, CONSTANT_DENSITY,
+                                            CONSTANT_AA,       CONSTANT_DEPTH, 8};
+    struct pipeline wanted = {
+        .shader = run->shader,
+        .values = {run->features, run->split, run->density, run->aa, run->depth, run->phase}};
+    for (uint32_t i = 0; i < run->list_count; i++)
+        wanted.mask |= 1u << run->lists[i].binding;
+    for (uint32_t i = 0; i < device->pipeline_count; i++) {
+        const struct pipeline *made = &device->pipelines[i];
+        if (strcmp(made->shader, wanted.shader) == 0 && made->mask == wanted.mask &&
+            memcmp(made->values, wanted.values, sizeof wanted.values) == 0)
+            return made->pipeline;
+    }
+    assert_true(device->pipeline_count < PIPELINES);
+    struct error error;
+    struct gpu_constant constants[CONSTANTS];
+    for (uint32_t i = 0; i < CONSTANTS; i++)
+        constants[i] = (struct gpu_constant){ids[i], wanted.values[i]};
+    struct gpu_pipeline_params params = {.name = run->shader,
+                                         .constants = constants,
+                                         .constant_count = CONSTANTS,
+                                         .binding_mask = wanted.mask,
+                                         .push_bytes = run->has_push ? 4 : 0};
+    params.spirv = shader_find(run->shader, &params.spirv_bytes);
+    if (!params.spirv)
+        fail_msg("there is no shader %s", run->shader);
+    wanted.pipeline = gpu_pipeline_create(device->gpu, &params, &error);
+    check(wanted.pipeline != NULL, run->shader, &error);
+    device->pipelines[device->pipeline_count++] = wanted;
+    return wanted.pipeline;
+}
+
+void pass_device_run(struct pass_device *device, const struct pass_run *run)
+{
+    struct error error;
+    struct gpu_pipeline *pipeline = find_pipeline(device, run);
+    struct gpu_buffer *buffers[LISTS], *readbacks[LISTS] = {0};
+    struct gpu_bind binds[LISTS];
+    assert_true(run->list_count <= LISTS);
+    for (uint32_t i = 0; i < run->list_count; i++) {
+        const struct pass_list *list = &run->lists[i];
+        buffers[i] = gpu_buffer_create_filled(device->gpu, "list", list->data, list->size, false, &error);
+        check(buffers[i] != NULL, run->shader, &error);
+        if ((list->access & GPU_WRITE) && list->size > 0) {
+            readbacks[i] =
+                gpu_buffer_create(device->gpu,
+                                  &(struct gpu_buffer_params){
+                                      .name = "readback", .size = list->size, .memory = GPU_MEMORY_READBACK},
+                                  &error);
+            check(readbacks[i] != NULL, run->shader, &error);
+        }
+        binds[i] = (struct gpu_bind){.binding = list->binding, .access = list->access, .buffer = buffers[i]};
+    }
+    struct gpu_frame *frame = gpu_frame_begin(device->gpu, &error);
+    check(frame != NULL, run->shader, &error);
+    gpu_record_dispatch(frame,
+                        &(struct gpu_dispatch){.pipeline = pipeline,
+                                               .binds = binds,
+                                               .bind_count = run->list_count,
+                                               .push = run->has_push ? &run->push : NULL,
+                                               .groups = {(run->threads + GROUP_SIZE - 1) / GROUP_SIZE}});
+    for (uint32_t i = 0; i < run->list_count; i++)
+        if (readbacks[i])
+            gpu_record_copy(frame, readbacks[i], 0, buffers[i], 0, run->lists[i].size);
+    check(gpu_frame_submit(frame, &error) && gpu_frame_wait(frame, &error), run->shader, &error);
+    for (uint32_t i = 0; i < run->list_count; i++) {
+        if (readbacks[i])
+            memcpy(run->lists[i].data, gpu_buffer_map(readbacks[i]), run->lists[i].size);
+        gpu_buffer_destroy(&readbacks[i]);
+        gpu_buffer_destroy(&buffers[i]);
+    }
+}
+
+double pass_random(uint64_t *state)
+{
+    *state = *state * 6364136223846793005u + 1442695040888963407u;
+    return (double)(*state >> 11) * 0x1p-53;
+}
+
+uint32_t pass_morton(uint32_t x, uint32_t y)
+{
+    uint32_t code = 0;
+    for (uint32_t bit = 0; bit < 16; bit++)
+        code |= (x >> bit & 1u) << (2 * bit) | (y >> bit & 1u) << (2 * bit + 1);
+    return code;
+}
+
+void pass_morton_place(uint32_t code, uint32_t *x, uint32_t *y)
+{
+    *x = *y = 0;
+    for (uint32_t bit = 0; bit < 16; bit++) {
+        *x |= (code >> (2 * bit) & 1u) << bit;
+        *y |= (code >> (2 * bit + 1) & 1u) << bit;
+    }
+}
+
+uint32_t pass_tree_size(uint32_t cells)
+{
+    uint32_t size = 0;
+    for (; cells > 0; cells /= 4)
+        size += cells;
+    return size;
+}
+
+void pass_tree_fill(uint32_t *tree, uint32_t cells)
+{
+    for (uint32_t *below = tree; cells > 1; cells /= 4) {
+        uint32_t *here = below + cells;
+        for (uint32_t i = 0; i < cells / 4; i++)
+            here[i] = below[4 * i] + below[4 * i + 1] + below[4 * i + 2] + below[4 * i + 3];
+        below = here;
+    }
+}
