@@ -1,12 +1,10 @@
-/* bench_trace.c: photon rays per second of the tracers, against Embree's
- * rtcIntersect1 on the same rays.
+/* bench_trace.c: photon rays per second of the tracers, against Embree's rtcIntersect1 on the same rays.
  *
- * The rays are what photons are: 1 M from the scene's first light over the cap
- * of directions that holds the casters, in Morton order of emission, and their
- * second segments, refracted or reflected at the first hit. Every method runs
- * in turn, several rounds, and the median of its rounds counts. Embree runs on
- * as many threads as this process may use, as lavapipe does, over the scene's
- * triangles in world space without instances.
+ * The rays are what photons are: 1 M from the scene's first light over the cap of directions that holds
+ * the casters, in Morton order of emission, and their second segments, refracted or reflected at the
+ * first hit. Every method runs in turn, several rounds, and the median of its rounds counts. Embree runs
+ * on as many threads as this process may use, as lavapipe does, over the scene's triangles in world space
+ * without instances.
  */
 #define _GNU_SOURCE
 #include <embree3/rtcore.h>
@@ -58,9 +56,7 @@ static void *allocate(size_t count, size_t size)
     return memory;
 }
 
-/* ---- rays
- * ---------------------------------------------------------------------------------------------
- */
+/* ---- rays ------------------------------------------------------------------------------------------ */
 
 static struct vec3 transform(const float m[12], const float p[3], double w)
 {
@@ -102,8 +98,8 @@ static void set_ray(struct trace_ray_gpu *ray, struct vec3 origin, struct vec3 d
                                   {(float)direction.x, (float)direction.y, (float)direction.z, 0}};
 }
 
-/* Shirley and Chiu's concentric map of the square to the disk, then equal area
- * to the cap, or the disk itself across the beam of a directional light. */
+/* Shirley and Chiu's concentric map of the square to the disk, then equal area to the cap, or the disk
+ * itself across the beam of a directional light. */
 static void emit(const struct scene *scene, const struct scene_pose *pose, struct trace_ray_gpu *rays)
 {
     struct vec3 *corners = allocate(8 * scene->instance_count, sizeof *corners);
@@ -149,8 +145,7 @@ static void emit(const struct scene *scene, const struct scene_pose *pose, struc
     }
 }
 
-/* Second segments of the rays that met a caster, in their order; returns how
- * many. */
+/* Second segments of the rays that met a caster, in their order; returns how many. */
 static uint32_t continue_rays(const struct scene *scene, const struct scene_pose *pose,
                               const struct trace_ray_gpu *rays, const struct trace_hit_gpu *hits,
                               struct trace_ray_gpu *next)
@@ -196,9 +191,7 @@ static uint32_t continue_rays(const struct scene *scene, const struct scene_pose
     return count;
 }
 
-/* ---- Embree
- * -------------------------------------------------------------------------------------------
- */
+/* ---- Embree ---------------------------------------------------------------------------------------- */
 
 struct embree {
     RTCDevice device;
@@ -284,9 +277,7 @@ static double embree_run(const struct embree *embree, const struct trace_ray_gpu
     return seconds() - start;
 }
 
-/* ---- table
- * --------------------------------------------------------------------------------------------
- */
+/* ---- table ----------------------------------------------------------------------------------------- */
 
 static int compare_doubles(const void *a, const void *b)
 {
@@ -300,8 +291,7 @@ static double median(double *values, uint32_t count)
     return values[count / 2];
 }
 
-/* Rays whose hit differs: hit or missed, or more than 0.1 % of the distance
- * apart. */
+/* Rays whose hit differs: hit or missed, or more than 0.1 % of the distance apart. */
 static uint32_t disagreements(const struct trace_hit_gpu *a, const struct trace_hit_gpu *b, uint32_t count)
 {
     uint32_t differing = 0;

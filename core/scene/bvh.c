@@ -1,29 +1,26 @@
 #include "bvh.h"
 
+#include <float.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-/* ---- building
- * -----------------------------------------------------------------------------------------
- */
+/* ---- building -------------------------------------------------------------------------------------- */
 
 #define BIN_COUNT 16
-/* Relative costs of a step down and of a triangle test, and the leaf size,
- * tuned on `sphere` and `pool` with the shader's packets: 2 % over equal costs.
- */
+/* Relative costs of a step down and of a triangle test, and the leaf size, tuned on `sphere` and `pool`
+ * with the shader's packets: 2 % over equal costs. */
 #define STEP_COST     1.0f
 #define TRIANGLE_COST 0.7f
-/* Depth that is left to even halves once the heuristic has used up the rest:
- * 2^26 items need 26. */
+/* Depth that is left to even halves once the heuristic has used up the rest: 2^26 items need 26. */
 #define HALVING_SLACK 1
 
 struct box {
     float min[3], max[3];
 };
 
-/* What is sorted into a tree: a box and who it belongs to, 32 bytes, moved as a
- * whole so that binning reads memory in order. */
+/* What is sorted into a tree: a box and who it belongs to, 32 bytes, moved as a whole so that binning
+ * reads memory in order. */
 struct primitive {
     float min[3];
     uint32_t index;
@@ -139,8 +136,8 @@ static struct split find_split(const struct primitive *primitives, uint32_t coun
     return best;
 }
 
-/* Moves the primitives of bins below the split to the front; returns how many.
- * Keeps a fixed order for fixed input. */
+/* Moves the primitives of bins below the split to the front; returns how many. Keeps a fixed order for
+ * fixed input. */
 static uint32_t partition(struct primitive *primitives, uint32_t count, const struct box *centroids,
                           struct split split)
 {
@@ -160,9 +157,7 @@ static uint32_t partition(struct primitive *primitives, uint32_t count, const st
     return left;
 }
 
-/* ---- the grid
- * -----------------------------------------------------------------------------------------
- */
+/* ---- the grid -------------------------------------------------------------------------------------- */
 
 #define GRID_STEPS 65535
 
@@ -186,12 +181,12 @@ static void header_set(struct bvh *bvh, const struct box *box)
     for (int a = 0; a < 3; a++)
         largest = fmax(largest, (double)box->max[a] - (double)box->min[a]);
     for (int a = 0; a < 3; a++) {
-        /* A flat side gets steps that are small but not so small that distances in
-         * steps overflow. */
+        /* A flat side gets steps that are small but not so small that distances in steps overflow. */
         double extent = fmax((double)box->max[a] - (double)box->min[a], largest * 0x1p-20);
         int exponent;
         frexp(fmax(extent, 0x1p-80) / (GRID_STEPS - 3), &exponent);
-        float scale = ldexpf(1, exponent), origin = (float)((double)box->min[a] - (double)scale);
+        float scale = ldexpf(1, exponent);
+        float origin = (float)fmax((double)box->min[a] - (double)scale, -(double)FLT_MAX);
         memcpy(&header.origin[a], &origin, sizeof origin);
         memcpy(&header.scale[a], &scale, sizeof scale);
     }
@@ -242,9 +237,7 @@ uint32_t bvh_child(const struct bvh *bvh, uint32_t node, uint32_t side, float bo
     return side ? n->right : n->left;
 }
 
-/* ---- the build
- * ----------------------------------------------------------------------------------------
- */
+/* ---- the build ------------------------------------------------------------------------------------- */
 
 static uint32_t halvings(uint32_t count)
 {
@@ -254,8 +247,7 @@ static uint32_t halvings(uint32_t count)
     return n;
 }
 
-/* Decides where a range is cut: returns the size of its left part, or 0 to make
- * it a leaf. */
+/* Decides where a range is cut: returns the size of its left part, or 0 to make it a leaf. */
 static uint32_t cut(struct primitive *primitives, const struct task *task, const struct box *box,
                     uint32_t max_leaf)
 {
@@ -371,13 +363,12 @@ struct bvh *bvh_create_mesh(const struct scene *scene, uint32_t mesh_index, stru
         primitives[i] = (struct primitive){
             {box.min[0], box.min[1], box.min[2]}, i, {box.max[0], box.max[1], box.max[2]}, 0};
     }
-    /* A ray along an axis, in the very plane of a box's side, would count as
-     * leaving where it stands. */
+    /* A ray along an axis, in the very plane of a box's side, would count as leaving where it stands. */
     float slack = largest * 0x1p-23f;
     for (uint32_t i = 0; i < mesh->triangle_count; i++)
         for (int a = 0; a < 3; a++) {
-            primitives[i].min[a] -= slack;
-            primitives[i].max[a] += slack;
+            primitives[i].min[a] = fmaxf(primitives[i].min[a] - slack, -FLT_MAX);
+            primitives[i].max[a] = fminf(primitives[i].max[a] + slack, FLT_MAX);
         }
     if (!build(bvh, primitives, mesh->triangle_count, BVH_MAX_LEAF, error))
         goto fail;
@@ -415,11 +406,11 @@ struct bvh *bvh_create_boxes(const float (*boxes)[6], uint32_t count, struct err
     for (uint32_t i = 0; i < count; i++) {
         primitives[i].index = i;
         for (int a = 0; a < 3; a++) {
-            /* A world box comes from corners carried through a matrix; its rounding
-             * must not cut off what it holds. */
+            /* A world box comes from corners carried through a matrix; its rounding must not cut off what
+             * it holds. */
             float slack = 1e-6f * fmaxf(fabsf(boxes[i][a]), fabsf(boxes[i][3 + a]));
-            primitives[i].min[a] = boxes[i][a] - slack;
-            primitives[i].max[a] = boxes[i][3 + a] + slack;
+            primitives[i].min[a] = fmaxf(boxes[i][a] - slack, -FLT_MAX);
+            primitives[i].max[a] = fminf(boxes[i][3 + a] + slack, FLT_MAX);
         }
     }
     bvh->items = malloc((size_t)(count ? count : 1) * sizeof *bvh->items);
@@ -456,14 +447,12 @@ void bvh_destroy(struct bvh **bvh)
     *bvh = NULL;
 }
 
-/* ---- tracing
- * ------------------------------------------------------------------------------------------
- */
+/* ---- tracing --------------------------------------------------------------------------------------- */
 
 /* The same arithmetic as shaders/trace_bvh.glsl, operation by operation. */
 
-/* Five roundings of 2^-24 on each side: the origin's place on the grid, the
- * inverse, difference and product. */
+/* Five roundings of 2^-24 on each side: the origin's place on the grid, the inverse, difference and
+ * product. */
 #define LEAVE_SLACK 1.000001f
 
 struct ray {
@@ -501,17 +490,15 @@ static float ray_enter(const struct ray *ray, uint32_t x, uint32_t y, uint32_t z
         float t0 = ((float)(spans[a] & 0xffffu) - ray->grid_origin[a]) * ray->grid_inverse[a];
         float t1 = ((float)(spans[a] >> 16) - ray->grid_origin[a]) * ray->grid_inverse[a];
         enter = fmaxf(enter, fminf(t0, t1));
-        /* Roundings on each side must not lose a box the ray only grazes (Ize
-         * 2013). */
+        /* Roundings on each side must not lose a box the ray only grazes (Ize 2013). */
         leave = fminf(leave, fmaxf(t0, t1) * LEAVE_SLACK);
     }
     return enter <= leave ? enter : INFINITY;
 }
 
-/* Woop, Benthin and Wald 2013, "Watertight ray/triangle intersection": corners
- * sheared into the ray's frame. A product never rounds past an equal one, so an
- * edge function can only be 0 where its sign would be in doubt, and 0 counts as
- * inside for both triangles at an edge. */
+/* Woop, Benthin and Wald 2013, "Watertight ray/triangle intersection": corners sheared into the ray's
+ * frame. A product never rounds past an equal one, so an edge function can only be 0 where its sign would
+ * be in doubt, and 0 counts as inside for both triangles at an edge. */
 static bool ray_triangle(const struct ray *ray, const struct bvh_triangle *triangle, float t_max, float *t,
                          float *u, float *v)
 {
@@ -591,9 +578,7 @@ bool bvh_trace(const struct bvh *bvh, const float origin[3], const float directi
     return is_hit;
 }
 
-/* ---- frontier
- * -----------------------------------------------------------------------------------------
- */
+/* ---- frontier -------------------------------------------------------------------------------------- */
 
 uint32_t bvh_frontier(const struct bvh *bvh, float (*boxes)[6], uint32_t capacity)
 {

@@ -42,10 +42,9 @@ static void destroy_meshes(const struct scene *scene, struct bvh **meshes)
     free(meshes);
 }
 
-/* Closest hits of all rays that `stride` leaves, then any-hits, against the
- * reference. Rounding differs between the two (order of sums), so a hit at the
- * very border of a triangle may go to its neighbour, or be missed at an open
- * edge. */
+/* Closest hits of all rays that `stride` leaves, then any-hits, against the reference. Rounding differs
+ * between the two (order of sums), so a hit at the very border of a triangle may go to its neighbour, or
+ * be missed at an open edge. */
 static void compare(const char *name, const struct scene *scene, const struct scene_pose *pose,
                     const struct trace_ray_gpu *rays, uint32_t count, uint32_t stride, bool all_lanes)
 {
@@ -149,8 +148,8 @@ static void many_transformed_instances_match_the_reference(void **state)
     }
 }
 
-/* From inside the closed sphere, to vertices, edges and anywhere: every ray
- * hits, whole subgroups and partial ones. */
+/* From inside the closed sphere, to vertices, edges and anywhere: every ray hits, whole subgroups and
+ * partial ones. */
 static void closed_meshes_have_no_cracks(void **state)
 {
     (void)state;
@@ -199,8 +198,7 @@ static void distances_beyond_the_limit_do_not_count(void **state)
     trace_scenes_rays(&made->scene, &made->pose, 3, rays, COUNT);
     assert_true(
         trace_device_run(device, &(struct trace_run){.rays = rays, .count = COUNT}, hits, NULL, &error));
-    /* lanes with limits just behind, at and before the hit, 0 and negative, side
-     * by side */
+    /* lanes with limits just behind, at and before the hit, 0 and negative, side by side */
     for (uint32_t i = 0; i < COUNT; i++) {
         float t = is_miss(&hits[i]) ? 1 : hit_t(&hits[i]);
         const float limits[5] = {nextafterf(t, INFINITY), t, 0.5f * t, 0, -1};

@@ -1,8 +1,6 @@
-/* trace_device.h: a scene on a device, and lists of rays traced through it; for
- * tests and the benchmark.
+/* trace_device.h: a scene on a device, and lists of rays traced through it; for tests and the benchmark.
  *
- * The rays go through shaders/trace_rays.comp, so through the same
- * shaders/trace.glsl as every pass.
+ * The rays go through shaders/trace_rays.comp, so through the same shaders/trace.glsl as every pass.
  */
 #ifndef TRACE_DEVICE_H
 #define TRACE_DEVICE_H
@@ -16,8 +14,7 @@
 
 struct trace_device;
 
-/* `with_ray_query`: the khr tracer, else bvh. `gpu` is borrowed; scene and pose
- * are read now. */
+/* `with_ray_query`: the khr tracer, else bvh. `gpu` is borrowed; scene and pose are read now. */
 struct trace_device *trace_device_create(struct gpu *gpu, const struct scene *scene,
                                          const struct scene_pose *pose, bool with_ray_query,
                                          struct error *error);
@@ -34,8 +31,7 @@ struct trace_run {
                         TRACE_DEVICE_MISS */
 };
 
-/* Fills hits[i] for the rays traced. `elapsed_ns` (may be NULL) gets the
- * dispatch's time on the device. */
+/* Fills hits[i] for the rays traced. `elapsed_ns` (may be NULL) gets the dispatch's time on the device. */
 bool trace_device_run(struct trace_device *device, const struct trace_run *run, struct trace_hit_gpu *hits,
                       uint64_t *elapsed_ns, struct error *error);
 
@@ -44,8 +40,7 @@ bool trace_device_run(struct trace_device *device, const struct trace_run *run, 
 bool trace_device_write_nodes(struct trace_device *device, size_t offset, const void *data, size_t size,
                               struct error *error);
 
-/* The plain C reference over the same scene: every instance in turn. `hit` as
- * the shader gives it. */
+/* The plain C reference over the same scene: every instance in turn. `hit` as the shader gives it. */
 void trace_scene_reference(const struct scene *scene, const struct scene_pose *pose,
                            struct bvh *const *meshes, const struct trace_ray_gpu *ray,
                            struct trace_hit_gpu *hit);

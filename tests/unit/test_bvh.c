@@ -1,5 +1,5 @@
-/* The CPU hierarchy against brute force in double precision, and against its
- * own promises. */
+/* The CPU hierarchy against brute force in double precision, and against its own promises. */
+#include <float.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -8,9 +8,7 @@
 #include "core/scene/scene.h"
 #include "tests/support/check.h"
 
-/* ---- meshes
- * -------------------------------------------------------------------------------------------
- */
+/* ---- meshes ---------------------------------------------------------------------------------------- */
 
 struct soup {
     struct scene scene;
@@ -70,8 +68,8 @@ static void random_soup(struct soup *soup, uint32_t triangle_count, float size)
     }
 }
 
-/* A closed sphere of rings x segments quads, triangles in random order,
- * vertices moved off the sphere by `bump`. */
+/* A closed sphere of rings x segments quads, triangles in random order, vertices moved off the sphere by
+ * `bump`. */
 static void bumpy_sphere(struct soup *soup, uint32_t rings, uint32_t segments, float bump)
 {
     uint32_t triangle_count = 2 * segments * (rings - 1);
@@ -118,9 +116,7 @@ static struct bvh *build(const struct soup *soup)
     return bvh;
 }
 
-/* ---- brute force
- * --------------------------------------------------------------------------------------
- */
+/* ---- brute force ----------------------------------------------------------------------------------- */
 
 struct exact_hit {
     double t, margin; /* margin: distance of the barycentrics from the triangle's
@@ -157,9 +153,9 @@ static bool exact_triangle(const struct soup *soup, uint32_t triangle, const flo
     return true;
 }
 
-/* Traces one ray and compares with brute force: a hit must lie on its triangle
- * where brute force sees it, and nothing that brute force hits clearly may be
- * nearer. `slack` in barycentrics and in t relative to the farthest vertex. */
+/* Traces one ray and compares with brute force: a hit must lie on its triangle where brute force sees it,
+ * and nothing that brute force hits clearly may be nearer. `slack` in barycentrics and in t relative to
+ * the farthest vertex. */
 static bool check_ray(const struct soup *soup, const struct bvh *bvh, const float o[3], const float d[3],
                       double slack)
 {
@@ -187,9 +183,15 @@ static bool check_ray(const struct soup *soup, const struct bvh *bvh, const floa
     return is_hit;
 }
 
-/* ---- tests
- * --------------------------------------------------------------------------------------------
- */
+static bool box_holds(const float box[6], const float p[3])
+{
+    for (int a = 0; a < 3; a++)
+        if (p[a] < box[a] || p[a] > box[3 + a])
+            return false;
+    return true;
+}
+
+/* ---- tests ----------------------------------------------------------------------------------------- */
 
 static void random_triangles_match_brute_force(void **state)
 {
@@ -210,8 +212,7 @@ static void random_triangles_match_brute_force(void **state)
                 o[a] = 2 * random_unit();
                 d[a] = 0.7f * random_unit() - o[a];
             }
-            /* Triangles as thin as needles turn float rounding into barycentrics:
-             * 1e-3 of a triangle. */
+            /* Triangles as thin as needles turn float rounding into barycentrics: 1e-3 of a triangle. */
             hits += check_ray(&soup, bvh, o, d, 1e-3);
         }
         assert_true(hits > rays / 100);
@@ -284,8 +285,7 @@ static uint32_t count_cracks(const struct bvh *bvh, const float o[3], const floa
     return !bvh_trace(bvh, o, d, 1e30f, &t, &triangle, &u, &v);
 }
 
-/* A ray that starts inside a closed mesh leaves it: aimed at vertices, along
- * edges, and anywhere. */
+/* A ray that starts inside a closed mesh leaves it: aimed at vertices, along edges, and anywhere. */
 static void closed_meshes_have_no_cracks(void **state)
 {
     (void)state;
@@ -327,8 +327,7 @@ static void closed_meshes_have_no_cracks(void **state)
     }
 }
 
-/* Directions with components of 0 and -0, from origins that lie in the planes
- * of boxes and triangles. */
+/* Directions with components of 0 and -0, from origins that lie in the planes of boxes and triangles. */
 static void axis_aligned_rays_hit_a_grid(void **state)
 {
     (void)state;
@@ -419,8 +418,47 @@ static void degenerate_meshes_are_harmless(void **state)
     soup_end(&soup);
 }
 
-/* Boxes each eight times as large as the last: a bin holds all but the largest,
- * so the heuristic alone would peel off one per level, 80 levels deep. */
+/* Coordinates at both ends of what a float holds: whatever is hit, nothing overflows into undefined
+ * behaviour. */
+static void extreme_coordinates_are_harmless(void **state)
+{
+    (void)state;
+    static const float sizes[] = {FLT_MAX, 1e38f, 1e30f, 1e-30f, 1e-38f, 1e-44f, 0};
+    for (size_t k = 0; k < sizeof sizes / sizeof *sizes; k++) {
+        random_state = 21;
+        struct soup soup;
+        random_soup(&soup, 200, 0.5f);
+        for (uint32_t i = 0; i < soup.mesh.vertex_count; i++)
+            for (int a = 0; a < 3; a++) {
+                float *p = &soup.scene.vertices[i].position[a];
+                *p = *p / 1.5f * sizes[k];
+                assert_true(isfinite(*p));
+            }
+        struct bvh *bvh = build(&soup);
+        assert_true(bvh->depth <= BVH_MAX_DEPTH);
+        float boxes[32][6];
+        uint32_t count = bvh_frontier(bvh, boxes, 32);
+        for (uint32_t i = 0; i < soup.mesh.vertex_count; i++) {
+            bool is_held = false;
+            for (uint32_t b = 0; b < count && !is_held; b++)
+                is_held = box_holds(boxes[b], soup.scene.vertices[i].position);
+            assert_true(is_held);
+        }
+        for (uint32_t i = 0; i < 500; i++) {
+            const float o[3] = {random_unit() * sizes[k], random_unit() * sizes[k], random_unit() * sizes[k]};
+            const float d[3] = {random_unit(), random_unit(), random_unit()};
+            float t, u, v;
+            uint32_t triangle;
+            if (bvh_trace(bvh, o, d, INFINITY, &t, &triangle, &u, &v))
+                assert_true(t > 0 && triangle < soup.mesh.triangle_count);
+        }
+        bvh_destroy(&bvh);
+        soup_end(&soup);
+    }
+}
+
+/* Boxes each eight times as large as the last: a bin holds all but the largest, so the heuristic alone
+ * would peel off one per level, 80 levels deep. */
 static void depth_is_limited(void **state)
 {
     (void)state;
@@ -453,14 +491,6 @@ static void same_input_gives_the_same_tree(void **state)
     bvh_destroy(&a);
     bvh_destroy(&b);
     soup_end(&soup);
-}
-
-static bool box_holds(const float box[6], const float p[3])
-{
-    for (int a = 0; a < 3; a++)
-        if (p[a] < box[a] || p[a] > box[3 + a])
-            return false;
-    return true;
 }
 
 static void a_frontier_holds_every_triangle(void **state)
@@ -497,8 +527,7 @@ static void a_frontier_holds_every_triangle(void **state)
     soup_end(&soup);
 }
 
-/* Every instance is in exactly one leaf, and every box lies within its
- * parents'. */
+/* Every instance is in exactly one leaf, and every box lies within its parents'. */
 static void top_levels_name_each_instance_once(void **state)
 {
     (void)state;
@@ -553,6 +582,7 @@ int main(void)
         cmocka_unit_test(closed_meshes_have_no_cracks),
         cmocka_unit_test(axis_aligned_rays_hit_a_grid),
         cmocka_unit_test(degenerate_meshes_are_harmless),
+        cmocka_unit_test(extreme_coordinates_are_harmless),
         cmocka_unit_test(depth_is_limited),
         cmocka_unit_test(same_input_gives_the_same_tree),
         cmocka_unit_test(a_frontier_holds_every_triangle),
