@@ -94,6 +94,11 @@ photon make_photon(photon_ray ray)
     float cxy = frame.kappa * (a.x * a.y + b.x * b.y);
     float cyy = frame.kappa * (a.y * a.y + b.y * b.y);
 
+    // A photon smaller than a pixel is shared out among the pixels it overlaps, as a box of the same variance: what
+    // many of them add up to is the pixel's exact average, which no sampled kernel reaches.
+    vec2 box = sqrt(2.0 * vec2(cxx, cyy));
+    bool is_small = AA == AA_FILTER && max(box.x, box.y) <= 1.0;
+
     // Limits act on the singular values of the footprint, never on its energy.
     float middle = 0.5 * (cxx + cyy);
     float apart = sqrt(0.25 * (cxx - cyy) * (cxx - cyy) + cxy * cxy);
@@ -130,7 +135,7 @@ photon make_photon(photon_ray ray)
     float u00 = sqrt(cyy / det_c);
     float u01 = -cxy / (det_c * u00);
     float u11 = inversesqrt(cyy);
-    vec2 extent = sqrt(vec2(cxx, cyy)) / (1.0 - bend);
+    vec2 extent = is_small ? vec2(1.0) : sqrt(vec2(cxx, cyy)) / (1.0 - bend);
 
     if (AA == AA_PIXEL) {
         if ((ray.state & STATE_HIDDEN) != 0u || any(lessThan(center, vec2(0.0))) ||
@@ -162,7 +167,10 @@ photon make_photon(photon_ray ray)
     p.root = sqrt(clamp(p.area, 0.5, 16.0) * total / frame.cell_flux);
     p.ellipse = vec4(u00, u01, u11, extent.y);
     p.center = vec4(center, w);
-    if (AA == AA_PIXEL)
+    if (is_small) {
+        p.ellipse = vec4(box, 0.0, -1.0);
+        p.density = vec4(ray.flux.xyz * abs(det_j), slack);
+    } else if (AA == AA_PIXEL)
         p.density = vec4(ray.flux.xyz * (has(FEATURE_TEXTURED_FLUX) ? ray.dd_u2_dd_v.xyz : vec3(1.0)) * abs(det_j), slack);
     else if (AA == AA_NONE)
         p.density = vec4(ray.flux.xyz * (abs(det_j) / (PI * sqrt(det_c))), slack);
