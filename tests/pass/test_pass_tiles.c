@@ -6,9 +6,9 @@
 
 #include "tests/support/check.h"
 #include "tests/support/pass_device.h"
+#include "tests/support/tile_maps.h"
 
 static struct pass_device *device;
-static const double pi = 3.14159265358979323846;
 
 static int set_up(void **state)
 {
@@ -24,116 +24,10 @@ static int tear_down(void **state)
     return 0;
 }
 
-/* ---- the maps, in double ------------------------------------------------------------------------------- */
-
-struct vector {
-    double x, y, z;
-};
-
-static double dot(struct vector a, struct vector b)
-{
-    return a.x * b.x + a.y * b.y + a.z * b.z;
-}
-
-static struct vector cross(struct vector a, struct vector b)
-{
-    return (struct vector){a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
-}
-
-static struct vector of4(vec4 v)
-{
-    return (struct vector){(double)v.x, (double)v.y, (double)v.z};
-}
-
-/* Square to cap of height 1 - cos(half angle): concentric squares become circles, radii go with the root of
- * the area. */
-static struct vector cap_direction(double u, double v, double height)
-{
-    double a = 2 * u - 1, b = 2 * v - 1, r, angle;
-    if (a * a > b * b) {
-        r = a;
-        angle = pi / 4 * b / a;
-    } else if (b != 0) {
-        r = b;
-        angle = pi / 2 - pi / 4 * a / b;
-    } else
-        return (struct vector){0, 0, 1};
-    double down = height * r * r, sine = sqrt(down * (2 - down));
-    sine = r < 0 ? -sine : sine;
-    return (struct vector){sine * cos(angle), sine * sin(angle), 1 - down};
-}
-
-static void cap_place(struct vector d, double height, double *u, double *v)
-{
-    double sine2 = d.x * d.x + d.y * d.y;
-    double down = d.z > 0 ? sine2 / (1 + d.z) : 1 - d.z;
-    double r = sqrt(down / height), angle = atan2(d.y, d.x), a, b;
-    if (angle < -pi / 4)
-        angle += 2 * pi;
-    if (angle < pi / 4) {
-        a = r;
-        b = angle * a / (pi / 4);
-    } else if (angle < 3 * pi / 4) {
-        b = r;
-        a = -(angle - pi / 2) * b / (pi / 4);
-    } else if (angle < 5 * pi / 4) {
-        a = -r;
-        b = (angle - pi) * a / (pi / 4);
-    } else {
-        b = -r;
-        a = -(angle - 3 * pi / 2) * b / (pi / 4);
-    }
-    *u = 0.5 * (a + 1);
-    *v = 0.5 * (b + 1);
-}
-
-static struct vector octahedron_direction(double u, double v)
-{
-    double a = fabs(2 * u - 1), b = fabs(2 * v - 1);
-    bool is_upper = a + b <= 1;
-    double r = is_upper ? a + b : 2 - a - b;
-    double angle = r > 0 ? pi / 4 * ((b - a) / r + 1) : 0;
-    double sine = r * sqrt(2 - r * r), z = 1 - r * r;
-    return (struct vector){copysign(sine * cos(angle), 2 * u - 1), copysign(sine * sin(angle), 2 * v - 1),
-                           is_upper ? z : -z};
-}
-
-static void octahedron_place(struct vector d, double *u, double *v)
-{
-    double r = sqrt((d.x * d.x + d.y * d.y) / (1 + fabs(d.z)));
-    double b = r * atan2(fabs(d.y), fabs(d.x)) / (pi / 2), a = r - b;
-    if (d.z < 0) {
-        double swap = a;
-        a = 1 - b;
-        b = 1 - swap;
-    }
-    *u = 0.5 * (1 + copysign(a, d.x));
-    *v = 0.5 * (1 + copysign(b, d.y));
-}
-
-static struct vector to_world(const struct light_gpu *light, struct vector d)
-{
-    struct vector x = of4(light->tile_x), y = of4(light->tile_y), z = of4(light->tile_z);
-    return (struct vector){x.x * d.x + y.x * d.y + z.x * d.z, x.y * d.x + y.y * d.y + z.y * d.z,
-                           x.z * d.x + y.z * d.y + z.z * d.z};
-}
-
-static struct vector to_local(const struct light_gpu *light, struct vector d)
-{
-    return (struct vector){dot(of4(light->tile_x), d), dot(of4(light->tile_y), d),
-                           dot(of4(light->tile_z), d)};
-}
-
-static struct vector tile_direction(const struct light_gpu *light, double u, double v)
-{
-    return to_world(light, light->map == TILE_CAP ? cap_direction(u, v, (double)light->tile_z.w)
-                                                  : octahedron_direction(u, v));
-}
-
 /* What a ray carries of the intensity: KHR_lights_punctual for spots, the cosine of a patch. */
 static double falloff(const struct light_gpu *light, struct vector d)
 {
-    double cosine = dot(d, of4(light->direction));
+    double cosine = vector_dot(d, vector_of(light->direction));
     if (light->type == LIGHT_TYPE_COSINE)
         return fmax(cosine, 0);
     if (light->type != LIGHT_TYPE_SPOT)
@@ -146,35 +40,16 @@ static double falloff(const struct light_gpu *light, struct vector d)
 
 /* ---- lights -------------------------------------------------------------------------------------------- */
 
-static vec4 with_w(struct vector v, double w)
-{
-    return (vec4){(float)v.x, (float)v.y, (float)v.z, (float)w};
-}
-
-/* A tile frame about `z`, turned about it by something. */
-static void set_frame(struct light_gpu *light, struct vector z)
-{
-    double length = sqrt(dot(z, z));
-    z = (struct vector){z.x / length, z.y / length, z.z / length};
-    struct vector side = cross(z, (struct vector){0.31, -0.62, 0.72});
-    length = sqrt(dot(side, side));
-    struct vector x = {side.x / length, side.y / length, side.z / length};
-    light->tile_x = with_w(x, 0);
-    light->tile_y = with_w(cross(z, x), 0);
-    light->tile_z = with_w(z, 0);
-    light->direction = with_w(z, 1);
-}
-
 static struct light_gpu light_of(uint32_t type, uint32_t map, struct vector axis, double half_angle)
 {
     struct light_gpu light = {.type = type, .map = map};
     light.position = (vec4){0.7f, 2.5f, -1.25f, (float)cos(half_angle)};
     light.intensity = (vec4){3, 5, 0.5f, 8.5f};
-    set_frame(&light, axis);
+    tile_set_frame(&light, axis);
     double height = 2 * pow(sin(0.5 * half_angle), 2);
     light.direction.w = (float)cos(0.6 * half_angle);
     light.tile_z.w = (float)height;
-    light.tile_origin.w = (float)(map == TILE_CAP ? 2 * pi * height : 4 * pi);
+    light.tile_origin.w = (float)(map == TILE_CAP ? 2 * PI * height : 4 * PI);
     return light;
 }
 
@@ -265,8 +140,8 @@ static double derivative_error(const struct light_gpu *light, double u, double v
         struct vector change = {(b.x - a.x) / (2 * step), (b.y - a.y) / (2 * step), (b.z - a.z) / (2 * step)};
         struct vector off = {found[axis].x / size - change.x, found[axis].y / size - change.y,
                              found[axis].z / size - change.z};
-        length = fmax(length, sqrt(dot(change, change)));
-        worst = fmax(worst, sqrt(dot(off, off)));
+        length = fmax(length, sqrt(vector_dot(change, change)));
+        worst = fmax(worst, sqrt(vector_dot(off, off)));
     }
     return worst / length;
 }
@@ -282,17 +157,17 @@ static void check_directions(const char *name, const struct light_gpu *light, do
     double sum = 0, expected = 0, place_error = 0, area_error = 0, change_error = 0;
     for (uint32_t i = 0; i < e.count; i++) {
         const struct photon_ray *ray = &e.rays[i];
-        struct vector d = of4(ray->direction);
-        assert_close(dot(d, d), 1, 1e-6);
+        struct vector d = vector_of(ray->direction);
+        assert_close(vector_dot(d, d), 1, 1e-6);
         assert_int_equal(ray->cell, i / (SIDE * SIDE));
         uint32_t x, y, rest = i % (SIDE * SIDE);
         pass_morton_place(ray->cell, &x, &y);
         double u = (x * SIDE + rest % SIDE + 0.5) * size, v = (y * SIDE + rest / SIDE + 0.5) * size, u_found,
                v_found;
         if (light->map == TILE_CAP)
-            cap_place(to_local(light, d), (double)light->tile_z.w, &u_found, &v_found);
+            cap_place(tile_to_local(light, d), (double)light->tile_z.w, &u_found, &v_found);
         else
-            octahedron_place(to_local(light, d), &u_found, &v_found);
+            octahedron_place(tile_to_local(light, d), &u_found, &v_found);
         place_error = fmax(place_error, fmax(fabs(u_found - u), fabs(v_found - v)));
 
         double share =
@@ -310,9 +185,9 @@ static void check_directions(const char *name, const struct light_gpu *light, do
         /* the maps bend at the square's diagonals and axes, where there is no derivative */
         double a = fabs(2 * u - 1), b = fabs(2 * v - 1);
         bool is_crease = fabs(a - b) < 1e-3 || (light->map != TILE_CAP && fabs(a + b - 1) < 1e-3);
-        struct vector area = cross(change_u(ray), change_v(ray));
+        struct vector area = vector_cross(change_u(ray), change_v(ray));
         if (!is_crease) {
-            area_error = fmax(area_error, fabs(sqrt(dot(area, area)) / (size * size * measure) - 1));
+            area_error = fmax(area_error, fabs(sqrt(vector_dot(area, area)) / (size * size * measure) - 1));
             change_error = fmax(change_error, derivative_error(light, u, v, size, ray));
         }
     }
@@ -343,7 +218,7 @@ static void caps_are_equal_area(void **state)
 static void the_octahedron_is_equal_area(void **state)
 {
     (void)state;
-    struct light_gpu light = light_of(LIGHT_TYPE_POINT, TILE_SPHERE, (struct vector){0.3, -0.8, 0.5}, pi);
+    struct light_gpu light = light_of(LIGHT_TYPE_POINT, TILE_SPHERE, (struct vector){0.3, -0.8, 0.5}, PI);
     /* its derivatives are one-sided differences over 1/4096 of the tile, in single precision */
     check_directions("octahedron", &light, 0.01);
 }
@@ -361,9 +236,9 @@ static void directions_are_uniform(void **state)
         uint32_t *sides = equal_sides(CELLS, SIDE), counts[BANDS][SECTORS] = {0};
         struct emission e = emit(&light, CELLS, sides);
         for (uint32_t i = 0; i < e.count; i++) {
-            struct vector d = to_local(&light, of4(e.rays[i].direction));
+            struct vector d = tile_to_local(&light, vector_of(e.rays[i].direction));
             int band = (int)((1 - d.z) / height * BANDS),
-                sector = (int)((atan2(d.y, d.x) / (2 * pi) + 0.5) * SECTORS);
+                sector = (int)((atan2(d.y, d.x) / (2 * PI) + 0.5) * SECTORS);
             counts[band < 0 ? 0 : band < BANDS ? band : BANDS - 1][sector < SECTORS ? sector : 0]++;
         }
         double mean = (double)e.count / (BANDS * SECTORS), worst = 0;
@@ -391,14 +266,14 @@ static void spots_fall_off(void **state)
     /* integrals over the whole tile: the spot's t^2 in cos, and pi for a patch */
     uint32_t *sides = equal_sides(32, 4);
     struct emission e = emit(&spot, 32, sides);
-    double inner = cos(0.6 * 0.7), outer = cos(0.7), total = 8.5 * 2 * pi * ((inner - outer) / 3 + 1 - inner);
+    double inner = cos(0.6 * 0.7), outer = cos(0.7), total = 8.5 * 2 * PI * ((inner - outer) / 3 + 1 - inner);
     print_message("spot: %.6f W of %.6f\n", e.ledger, total);
     assert_close(e.ledger, total, 2e-3 * total);
     free(e.rays);
-    struct light_gpu patch = light_of(LIGHT_TYPE_COSINE, TILE_CAP, (struct vector){0.1, -1, 0.2}, pi / 2);
+    struct light_gpu patch = light_of(LIGHT_TYPE_COSINE, TILE_CAP, (struct vector){0.1, -1, 0.2}, PI / 2);
     e = emit(&patch, 32, sides);
-    print_message("patch: %.6f W of %.6f\n", e.ledger, 8.5 * pi);
-    assert_close(e.ledger, 8.5 * pi, 1e-3 * 8.5 * pi);
+    print_message("patch: %.6f W of %.6f\n", e.ledger, 8.5 * PI);
+    assert_close(e.ledger, 8.5 * PI, 1e-3 * 8.5 * PI);
     free(e.rays);
     free(sides);
 }
@@ -437,7 +312,8 @@ static void beams_cover_their_rectangle(void **state)
     uint32_t *sides = equal_sides(CELLS, SIDE);
     struct emission e = emit(&light, CELLS, sides);
     const double size = 1.0 / (CELLS * SIDE);
-    struct vector x = of4(light.tile_x), y = of4(light.tile_y), middle = of4(light.tile_origin);
+    struct vector x = vector_of(light.tile_x), y = vector_of(light.tile_y),
+                  middle = vector_of(light.tile_origin);
     for (uint32_t i = 0; i < e.count; i++) {
         const struct photon_ray *ray = &e.rays[i];
         uint32_t column, row, rest = i % (SIDE * SIDE);
@@ -447,13 +323,13 @@ static void beams_cover_their_rectangle(void **state)
         assert_close((double)ray->origin.x, middle.x + x.x * across + y.x * along, 1e-6);
         assert_close((double)ray->origin.y, middle.y + x.y * across + y.y * along, 1e-6);
         assert_close((double)ray->origin.z, middle.z + x.z * across + y.z * along, 1e-6);
-        assert_close(dot(of4(ray->direction), of4(light.direction)), 1, 1e-6);
+        assert_close(vector_dot(vector_of(ray->direction), vector_of(light.direction)), 1, 1e-6);
         assert_close((double)ray->flux.w, 8.5 * 1.5 * size * size, 1e-5 * size * size);
         assert_close((double)ray->origin.w, -1 / (1.5 * size * size), 1e-4 / (size * size));
         assert_close((double)ray->dp_u_v0.x, x.x * 3 * size, 1e-6);
         assert_close((double)ray->dp_u_v0.w, y.x * 0.5 * size, 1e-6);
         struct vector turn = change_u(ray);
-        assert_true(dot(turn, turn) == 0);
+        assert_true(vector_dot(turn, turn) == 0);
     }
     assert_close(e.ledger, 8.5 * 1.5, 1e-4);
     free(sides);
@@ -491,12 +367,12 @@ static bool cell_meets(const struct light_gpu *light, uint32_t cells, uint32_t c
     for (uint32_t i = 0; i <= lattice; i++)
         for (uint32_t j = 0; j <= lattice; j++) {
             double u = (x + (double)i / lattice) / cells, v = (y + (double)j / lattice) / cells;
-            struct vector origin = of4(light->position), direction = of4(light->direction);
+            struct vector origin = vector_of(light->position), direction = vector_of(light->direction);
             if (light->map == TILE_RECT) {
                 struct vector move =
-                    to_world(light, (struct vector){(2 * u - 1) * (double)light->tile_x.w,
-                                                    (2 * v - 1) * (double)light->tile_y.w, 0});
-                origin = of4(light->tile_origin);
+                    tile_to_world(light, (struct vector){(2 * u - 1) * (double)light->tile_x.w,
+                                                         (2 * v - 1) * (double)light->tile_y.w, 0});
+                origin = vector_of(light->tile_origin);
                 origin = (struct vector){origin.x + move.x, origin.y + move.y, origin.z + move.z};
             } else {
                 direction = tile_direction(light, u, v);
@@ -539,8 +415,8 @@ static void check_mask(const char *name, const struct light_gpu *light, uint32_t
     uint32_t masked = 0, needed = 0, missed = 0;
     for (int scene = 0; scene < SCENES; scene++) {
         struct caster_box boxes[BOXES];
-        struct vector axis = of4(light->tile_z),
-                      from = of4(light->map == TILE_RECT ? light->tile_origin : light->position);
+        struct vector axis = vector_of(light->tile_z),
+                      from = vector_of(light->map == TILE_RECT ? light->tile_origin : light->position);
         for (int k = 0; k < BOXES; k++) {
             /* mostly ahead of the light, some to the side, small and large */
             double ahead = 2 + 3 * pass_random(&random), aside = light->map == TILE_RECT ? 1.2 : 0.6 * ahead;
@@ -580,7 +456,7 @@ static void the_mask_misses_nothing(void **state)
     (void)state;
     struct vector axis = {0.25, -0.9, 0.35};
     for (uint32_t cells = 1; cells <= 32; cells *= 2) {
-        struct light_gpu sphere = light_of(LIGHT_TYPE_POINT, TILE_SPHERE, axis, pi);
+        struct light_gpu sphere = light_of(LIGHT_TYPE_POINT, TILE_SPHERE, axis, PI);
         check_mask("sphere", &sphere, cells);
         struct light_gpu cap = light_of(LIGHT_TYPE_POINT, TILE_CAP, axis, 0.9);
         check_mask("cap", &cap, cells);

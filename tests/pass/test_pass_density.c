@@ -1,0 +1,653 @@
+/* test_pass_density.c: the task buffers' control loop against a C model in double precision: feedback to
+ * density, budget, samples, quadtree, the tasks' way down, and the remap when a tile moves.
+ */
+#include <string.h>
+
+#include "tests/support/check.h"
+#include "tests/support/pass_device.h"
+#include "tests/support/tile_maps.h"
+
+enum { MOST_CELLS = 4 * 64 * 64 };
+
+static struct pass_device *device;
+static uint64_t random_state;
+
+static int set_up(void **state)
+{
+    (void)state;
+    device = pass_device_create();
+    return 0;
+}
+
+static int tear_down(void **state)
+{
+    (void)state;
+    pass_device_destroy(&device);
+    return 0;
+}
+
+static double uniform(void)
+{
+    return pass_random(&random_state);
+}
+
+/* ---- one turn of the loop ------------------------------------------------------------------------------ */
+
+struct task_buffers {
+    struct frame_gpu frame;
+    struct light_gpu lights[4];
+    uint32_t total; /* cells of the atlas */
+    uint32_t features, rule;
+    uint32_t mask[MOST_CELLS];
+    struct feedback_gpu feedback[MOST_CELLS];
+    float old_density[MOST_CELLS];
+    /* what the passes make */
+    struct counters_gpu counters;
+    float density[MOST_CELLS], variance[MOST_CELLS];
+    uint32_t thinning[MOST_CELLS], tree[2 * MOST_CELLS];
+};
+
+static struct task_buffers *buffers_of(uint32_t cells, uint32_t slots, uint32_t lights)
+{
+    struct task_buffers *b = calloc(1, sizeof *b);
+    assert_non_null(b);
+    b->total = cells * cells * slots;
+    assert_true(b->total <= MOST_CELLS);
+    b->frame = (struct frame_gpu){.cells = cells,
+                                  .tile_slots = slots,
+                                  .light_count = lights,
+                                  .photon_budget = 131072,
+                                  .ray_capacity = 4 * 131072,
+                                  .photon_capacity = 5 * 131072,
+                                  .min_samples = 1,
+                                  .target_area = 0.1f,
+                                  .variance_gain = 2,
+                                  .temporal_weight = 0.5f,
+                                  .flux_unit = 0x1p-30f};
+    while (1u << b->frame.tile_levels < cells)
+        b->frame.tile_levels++;
+    b->features = FEATURE_VARIANCE | FEATURE_DIRECTIONAL;
+    for (uint32_t i = 0; i < lights * cells * cells; i++)
+        b->mask[i] = 1;
+    return b;
+}
+
+static void set_fixed(uint32_t *low, uint32_t *high, double value, double scale)
+{
+    double units = floor(value * scale + 0.5);
+    *high = (uint32_t)(units / 4294967296.0);
+    *low = (uint32_t)(units - *high * 4294967296.0);
+}
+
+static void set_feedback(struct feedback_gpu *feedback, double area, double root, double change, double weak)
+{
+    set_fixed(&feedback->area_low, &feedback->area_high, area, 65536);
+    set_fixed(&feedback->root_low, &feedback->root_high, root, 1048576);
+    set_fixed(&feedback->change_low, &feedback->change_high, change, 16777216);
+    set_fixed(&feedback->weak_low, &feedback->weak_high, weak, 1048576);
+}
+
+static void run(struct task_buffers *b, const char *shader, uint32_t phase, uint32_t threads,
+                struct pass_list extra[5])
+{
+    struct pass_list lists[9] = {
+        {BINDING_FRAME, GPU_READ, &b->frame, sizeof b->frame},
+        {BINDING_LIGHTS, GPU_READ, b->lights, sizeof b->lights},
+        {BINDING_PASS, GPU_READ_WRITE, &b->counters, sizeof b->counters},
+        {BINDING_PASS + 1, GPU_READ, b->mask, b->total * 4},
+    };
+    uint32_t count = 4;
+    for (; extra[count - 4].data; count++)
+        lists[count] = extra[count - 4];
+    pass_device_run(device, &(struct pass_run){.shader = shader,
+                                               .features = b->features,
+                                               .density = b->rule,
+                                               .phase = phase,
+                                               .threads = threads,
+                                               .lists = lists,
+                                               .list_count = count});
+}
+
+static void run_update(struct task_buffers *b)
+{
+    static vec2 partials[2 * MOST_CELLS / GROUP_SIZE + 2];
+    struct pass_list feedback = {BINDING_PASS + 2, GPU_READ, b->feedback, b->total * sizeof *b->feedback};
+    run(b, "density_measure.comp", 0, b->total,
+        (struct pass_list[5]){feedback, {BINDING_PASS + 3, GPU_WRITE, partials, sizeof partials}});
+    run(b, "density_scale.comp", 0, 1,
+        (struct pass_list[5]){{BINDING_PASS + 2, GPU_READ, partials, sizeof partials}});
+    pass_device_run(device, &(struct pass_run){
+                                .shader = "density_update.comp",
+                                .features = b->features,
+                                .density = b->rule,
+                                .threads = b->total,
+                                PASS_LISTS({BINDING_FRAME, GPU_READ, &b->frame, sizeof b->frame},
+                                           {BINDING_LIGHTS, GPU_READ, b->lights, sizeof b->lights},
+                                           {BINDING_PASS, GPU_READ_WRITE, &b->counters, sizeof b->counters},
+                                           {BINDING_PASS + 1, GPU_READ, b->mask, b->total * 4}, feedback,
+                                           {BINDING_PASS + 3, GPU_READ, b->old_density, b->total * 4},
+                                           {BINDING_PASS + 4, GPU_WRITE, b->density, b->total * 4},
+                                           {BINDING_PASS + 5, GPU_WRITE, b->variance, b->total * 4},
+                                           {BINDING_PASS + 6, GPU_WRITE, b->thinning, b->total * 4})});
+}
+
+static void run_budget(struct task_buffers *b)
+{
+    static vec2 partials[2 * MOST_CELLS / GROUP_SIZE + 2];
+    run(b, "density_sum.comp", 0, b->total,
+        (struct pass_list[5]){{BINDING_PASS + 2, GPU_READ, b->density, b->total * 4},
+                              {BINDING_PASS + 3, GPU_WRITE, partials, sizeof partials}});
+    run(b, "density_scale.comp", 1, 1,
+        (struct pass_list[5]){{BINDING_PASS + 2, GPU_READ, partials, sizeof partials}});
+    uint32_t level = 0;
+    for (uint32_t count = b->total; count > 0; count /= 4, level++)
+        pass_device_run(
+            device,
+            &(struct pass_run){
+                .shader = "quadtree.comp",
+                .features = b->features,
+                .has_push = true,
+                .push = level,
+                .threads = count,
+                PASS_LISTS({BINDING_FRAME, GPU_READ, &b->frame, sizeof b->frame},
+                           {BINDING_LIGHTS, GPU_READ, b->lights, sizeof b->lights},
+                           {BINDING_PASS, GPU_READ_WRITE, &b->counters, sizeof b->counters},
+                           {BINDING_PASS + 1, GPU_READ, b->mask, b->total * 4},
+                           {BINDING_PASS + 2, GPU_READ_WRITE, b->density, b->total * 4},
+                           {BINDING_PASS + 3, GPU_READ_WRITE, b->tree, pass_tree_size(b->total) * 4})});
+}
+
+/* ---- the model ----------------------------------------------------------------------------------------- */
+
+static double area_of(const struct feedback_gpu *f)
+{
+    return pass_fixed(f->area_low, f->area_high) / 65536;
+}
+
+static double root_of(const struct feedback_gpu *f)
+{
+    return pass_fixed(f->root_low, f->root_high) / 1048576;
+}
+
+static double weak_of(const struct feedback_gpu *f)
+{
+    return pass_fixed(f->weak_low, f->weak_high) / 1048576;
+}
+
+/* design 5: D' = (area or scaled root) / A_t + g v; w_t D' + (1 - w_t) of the neighbourhood's mean, in which
+ * the cell counts as much as four neighbours. Roots of weaker branches are shared by the 4 x 4 cells around.
+ */
+static double model_update(const struct task_buffers *b, uint32_t cell)
+{
+    const struct frame_gpu *frame = &b->frame;
+    uint32_t cells = frame->cells, tile = cell / (cells * cells) * cells * cells, x, y;
+    if (!b->mask[cell])
+        return 0;
+    double suggested = area_of(&b->feedback[cell]);
+    if (b->rule == DENSITY_SQRT_RULE) {
+        double areas = 0, roots = 0, weak = 0, sharing = 0;
+        for (uint32_t i = 0; i < b->total; i++)
+            if (b->mask[i]) {
+                areas += area_of(&b->feedback[i]);
+                roots += root_of(&b->feedback[i]);
+            }
+        for (uint32_t i = cell / 16 * 16; i < cell / 16 * 16 + 16 && i < b->total; i++) {
+            weak += weak_of(&b->feedback[i]);
+            sharing += b->mask[i];
+        }
+        suggested = root_of(&b->feedback[cell]) - weak_of(&b->feedback[cell]) + weak / sharing;
+        suggested *= roots > 0 ? areas / roots : 0;
+    }
+    suggested /= (double)frame->target_area;
+    if (b->features & FEATURE_VARIANCE)
+        suggested += (double)frame->variance_gain *
+                     pass_fixed(b->feedback[cell].change_low, b->feedback[cell].change_high) / 16777216;
+    pass_morton_place(cell - tile, &x, &y);
+    double sum = 4 * (double)b->old_density[cell], weight = 4;
+    const int moves[4][2] = {{1, 0}, {-1, 0}, {0, 1}, {0, -1}};
+    for (int k = 0; k < 4; k++) {
+        int64_t nx = (int64_t)x + moves[k][0], ny = (int64_t)y + moves[k][1];
+        if (nx < 0 || ny < 0 || nx >= cells || ny >= cells)
+            continue;
+        uint32_t neighbour = tile + pass_morton((uint32_t)nx, (uint32_t)ny);
+        if (b->mask[neighbour]) {
+            sum += (double)b->old_density[neighbour];
+            weight++;
+        }
+    }
+    double w = (double)frame->temporal_weight;
+    return fmax(w * suggested + (1 - w) * sum / weight, frame->min_samples);
+}
+
+static void fill_randomly(struct task_buffers *b)
+{
+    for (uint32_t i = 0; i < b->frame.light_count * b->frame.cells * b->frame.cells; i++) {
+        b->mask[i] = uniform() < 0.7;
+        b->old_density[i] = b->mask[i] ? (float)exp(6 * uniform()) : 0;
+        double root = exp(3 * uniform()), change = uniform();
+        if (b->mask[i] && uniform() < 0.8)
+            set_feedback(&b->feedback[i], exp(5 * uniform()), root, change, root * uniform() * uniform());
+    }
+}
+
+/* ---- tests --------------------------------------------------------------------------------------------- */
+
+static void densities_follow_the_model(void **state)
+{
+    (void)state;
+    static const char *const names[] = {"sqrt", "area"};
+    random_state = 3;
+    for (uint32_t i = 0; i < 4; i++) {
+        struct task_buffers *b = buffers_of(i < 2 ? 16 : 2, i < 2 ? 4 : 1, i < 2 ? 3 : 1);
+        b->rule = i % 2 ? DENSITY_AREA_RULE : DENSITY_SQRT_RULE;
+        b->frame.temporal_weight = i == 2 ? 1 : 0.3f;
+        b->features = i == 3 ? 0 : FEATURE_VARIANCE;
+        fill_randomly(b);
+        b->mask[0] = 1;
+        set_feedback(&b->feedback[0], 3, 2, 0.5, 1);
+        memset(b->density, 0xff, sizeof b->density);
+        run_update(b);
+        double worst = 0;
+        for (uint32_t cell = 0; cell < b->total; cell++) {
+            double expected = model_update(b, cell), found = (double)b->density[cell];
+            assert_true(isfinite(found));
+            if (!b->mask[cell])
+                assert_true(found == 0 && b->variance[cell] == 0 && b->thinning[cell] == 1);
+            else {
+                worst = fmax(worst, fabs(found / expected - 1));
+                double change =
+                    pass_fixed(b->feedback[cell].change_low, b->feedback[cell].change_high) / 16777216;
+                if (b->features & FEATURE_VARIANCE)
+                    assert_close((double)b->variance[cell], change, 1e-6);
+            }
+        }
+        print_message("%s, %u cells: worst %.1e\n", names[b->rule], b->total, worst);
+        assert_in_bound(worst, 1e-5);
+        assert_int_equal(b->counters.count[COUNT_GUARD_DENSITY], 0);
+        free(b);
+    }
+}
+
+/* design 5: the sqrt rule asks for as many photons in all as the area rule. */
+static void both_rules_ask_for_the_same_total(void **state)
+{
+    (void)state;
+    double totals[2];
+    for (uint32_t rule = 0; rule < 2; rule++) {
+        random_state = 17;
+        struct task_buffers *b = buffers_of(16, 1, 1);
+        b->rule = rule;
+        b->features = 0;
+        b->frame.temporal_weight = 1;
+        for (uint32_t i = 0; i < b->total; i++) {
+            double root = 1 + 9 * uniform();
+            set_feedback(&b->feedback[i], 1 + 99 * uniform(), root, 0, 0.5 * root * uniform());
+        }
+        run_update(b);
+        totals[rule] = 0;
+        for (uint32_t i = 0; i < b->total; i++)
+            totals[rule] += (double)b->density[i];
+        free(b);
+    }
+    assert_close(totals[0], totals[1], 1e-5 * totals[1]);
+}
+
+static void uniform_density_stays(void **state)
+{
+    (void)state;
+    random_state = 5;
+    struct task_buffers *b = buffers_of(16, 1, 1);
+    b->rule = DENSITY_UNIFORM_RULE;
+    fill_randomly(b);
+    run_update(b);
+    for (uint32_t i = 0; i < b->total; i++)
+        assert_true(b->density[i] == b->old_density[i]);
+    free(b);
+}
+
+/* Nothing reported of weaker branches: few are needed; nothing but them: all are. In between, never more of
+ * them where they matter less. */
+static void weak_branches_are_thinned_where_they_matter_little(void **state)
+{
+    (void)state;
+    enum { BLOCKS = 16 };
+    struct task_buffers *b = buffers_of(16, 1, 1);
+    for (uint32_t i = 0; i < b->total; i++) /* block by block the weak share goes from none to all */
+        set_feedback(&b->feedback[i], 10, 8, 0, 8.0 * (i / 16) / (BLOCKS - 1));
+    run_update(b);
+    for (uint32_t i = 0; i < b->total; i++) {
+        uint32_t step = b->thinning[i];
+        assert_true(step == 1 || step == 2 || step == 4);
+        assert_int_equal(step, b->thinning[i / 16 * 16]);
+        if (i >= 16)
+            assert_true(step <= b->thinning[i - 16]);
+    }
+    assert_int_equal(b->thinning[0], 4);
+    assert_int_equal(b->thinning[b->total - 1], 1);
+    free(b);
+}
+
+/* design 5: no NaN, no infinity can enter a task buffer. */
+static void poison_is_clamped(void **state)
+{
+    (void)state;
+    static const float poisons[] = {NAN, INFINITY, -INFINITY, -1e30f, -5, 1e30f};
+    for (uint32_t i = 0; i < sizeof poisons / sizeof *poisons; i++)
+        for (uint32_t rule = 0; rule < 2; rule++) {
+            random_state = 23 + i;
+            struct task_buffers *b = buffers_of(8, 1, 1);
+            b->rule = rule;
+            fill_randomly(b);
+            b->mask[20] = 1;
+            b->old_density[20] = poisons[i];
+            run_update(b);
+            for (uint32_t cell = 0; cell < b->total; cell++)
+                assert_true(b->mask[cell] ? b->density[cell] >= 1 && b->density[cell] <= 1048576
+                                          : b->density[cell] == 0);
+            if (poisons[i] > 1048576) /* what is below the minimum is raised to it, not counted */
+                assert_true(b->counters.count[COUNT_GUARD_DENSITY] > 0);
+            free(b);
+        }
+    /* sums as large as the accumulators hold, and a target area of next to nothing */
+    struct task_buffers *b = buffers_of(8, 1, 1);
+    b->frame.target_area = 1e-38f;
+    memset(&b->feedback[3], 0xff, sizeof b->feedback[3]);
+    run_update(b);
+    for (uint32_t cell = 0; cell < b->total; cell++)
+        assert_true(b->density[cell] >= 1 && b->density[cell] <= 1048576);
+    assert_true(b->counters.count[COUNT_GUARD_DENSITY] > 0);
+    free(b);
+}
+
+/* n = floor(sqrt D)^2 under the budget, every level the sum of the one below. */
+static void check_tree(struct task_buffers *b, const float *wanted)
+{
+    double total = 0, largest = 0, least = b->frame.min_samples;
+    uint32_t masked = 0;
+    for (uint32_t i = 0; i < b->total; i++) {
+        masked += b->mask[i];
+        total += b->mask[i] ? (double)wanted[i] : 0;
+        largest = fmax(largest, b->mask[i] ? (double)wanted[i] : 0);
+    }
+    double room = fmax(b->frame.photon_budget - masked * least, 0), wish = total - masked * least;
+    double scale = wish > room ? room / wish : 1;
+    assert_close((double)b->counters.density_total, total, 1e-5 * total);
+    assert_close((double)b->counters.density_largest, largest, 1e-6 * largest);
+    assert_close((double)b->counters.density_scale, scale, 1e-5 * scale);
+    assert_int_equal(b->counters.count[COUNT_CELLS], masked);
+    uint64_t photons = 0;
+    for (uint32_t i = 0; i < b->total; i++) {
+        double d = b->mask[i] ? least + ((double)wanted[i] - least) * scale : 0;
+        assert_close((double)b->density[i], d, 2e-5 * d);
+        /* a density within rounding of a square may go to either side of it */
+        double low = floor(sqrt((double)b->density[i] * (1 - 1e-6))),
+               high = floor(sqrt((double)b->density[i] * (1 + 1e-6)));
+        assert_true(b->tree[i] == low * low || b->tree[i] == high * high);
+        assert_true(!b->mask[i] || b->tree[i] >= 1);
+        photons += b->tree[i];
+    }
+    uint32_t *expected = calloc(pass_tree_size(b->total), sizeof *expected);
+    assert_non_null(expected);
+    memcpy(expected, b->tree, b->total * sizeof *expected);
+    pass_tree_fill(expected, b->total);
+    assert_memory_equal(expected, b->tree, pass_tree_size(b->total) * sizeof *expected);
+    free(expected);
+    print_message("budget %u, %u of %u cells masked: %llu photons wished %.0f\n", b->frame.photon_budget,
+                  masked, b->total, (unsigned long long)photons, total);
+    assert_true(photons <= b->frame.photon_budget);
+    assert_int_equal(b->counters.task_count, photons);
+    assert_int_equal(b->counters.count[COUNT_EMITTED], photons);
+    assert_int_equal(b->counters.queue[QUEUE_COUNT], photons);
+    assert_int_equal(b->counters.queue[0], (photons + GROUP_SIZE - 1) / GROUP_SIZE);
+}
+
+/* Tasks 0 to n - 1 are every sample of every cell, once: beams say where on the tile they started. */
+static void check_tasks(struct task_buffers *b)
+{
+    uint32_t cells = b->frame.cells, count = b->counters.task_count;
+    for (uint32_t i = 0; i < b->frame.light_count; i++)
+        b->lights[i] = (struct light_gpu){.type = LIGHT_TYPE_DIRECTIONAL,
+                                          .map = TILE_RECT,
+                                          .direction = {0, 0, 1, 0},
+                                          .intensity = {1, 1, 1, 3},
+                                          .tile_x = {1, 0, 0, 0.5f},
+                                          .tile_y = {0, 1, 0, 0.5f},
+                                          .tile_origin = {0.5f, 0.5f, (float)i, 1}};
+    struct photon_ray *rays = calloc(count, sizeof *rays);
+    uint32_t *queue = calloc(count, sizeof *queue), *starts = calloc(b->total + 1, sizeof *starts);
+    uint8_t *seen = calloc(count, 1);
+    assert_true(rays && queue && starts && seen);
+    for (uint32_t i = 0; i < b->total; i++)
+        starts[i + 1] = starts[i] + b->tree[i];
+    pass_device_run(
+        device,
+        &(struct pass_run){.shader = "photon_emit.comp",
+                           .features = FEATURE_DIRECTIONAL,
+                           .threads = count,
+                           PASS_LISTS({BINDING_FRAME, GPU_READ, &b->frame, sizeof b->frame},
+                                      {BINDING_LIGHTS, GPU_READ, b->lights, sizeof b->lights},
+                                      {BINDING_PASS, GPU_READ_WRITE, &b->counters, sizeof b->counters},
+                                      {BINDING_PASS + 1, GPU_READ, b->tree, pass_tree_size(b->total) * 4},
+                                      {BINDING_PASS + 2, GPU_WRITE, rays, count * sizeof *rays},
+                                      {BINDING_PASS + 3, GPU_WRITE, queue, count * 4})});
+    for (uint32_t i = 0; i < count; i++) {
+        uint32_t cell = rays[i].cell, x, y;
+        assert_true(cell < b->total && b->tree[cell] > 0);
+        assert_int_equal((uint32_t)rays[i].origin.z, cell / (cells * cells));
+        pass_morton_place(cell % (cells * cells), &x, &y);
+        uint32_t side = (uint32_t)sqrt(b->tree[cell]);
+        assert_int_equal(side * side, b->tree[cell]);
+        double column = ((double)rays[i].origin.x * cells - x) * side,
+               row = ((double)rays[i].origin.y * cells - y) * side;
+        assert_close(column - floor(column), 0.5, 0.01);
+        assert_close(row - floor(row), 0.5, 0.01);
+        assert_true(column > 0 && row > 0 && column < side && row < side);
+        uint32_t task = starts[cell] + (uint32_t)row * side + (uint32_t)column;
+        assert_int_equal(seen[task], 0);
+        seen[task] = 1;
+    }
+    free(rays);
+    free(queue);
+    free(starts);
+    free(seen);
+}
+
+static void the_budget_holds_and_tasks_cover_it(void **state)
+{
+    (void)state;
+    static const struct {
+        uint32_t cells, slots, lights, budget, min_samples;
+        double spread;
+    } cases[] = {{1, 1, 1, 1, 1, 10},      {1, 4, 2, 2, 1, 3},      {8, 1, 1, 100, 1, 8},
+                 {4, 4, 3, 100, 1, 12},    {16, 1, 1, 1024, 4, 10}, {64, 4, 3, 131072, 1, 8},
+                 {32, 4, 4, 131072, 9, 6}, {64, 1, 1, 131072, 1, 1}};
+    random_state = 99;
+    for (uint32_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        struct task_buffers *b = buffers_of(cases[i].cells, cases[i].slots, cases[i].lights);
+        b->frame.photon_budget = cases[i].budget;
+        b->frame.min_samples = cases[i].min_samples;
+        for (uint32_t cell = 0; cell < b->total; cell++) {
+            b->mask[cell] = b->mask[cell] && (b->total < 8 || uniform() < 0.6);
+            b->density[cell] =
+                b->mask[cell] ? (float)(cases[i].min_samples * exp(cases[i].spread * uniform())) : 0;
+        }
+        float *wanted = calloc(b->total, sizeof *wanted);
+        assert_non_null(wanted);
+        memcpy(wanted, b->density, b->total * sizeof *wanted);
+        run_budget(b);
+        check_tree(b, wanted);
+        check_tasks(b);
+        free(wanted);
+        free(b);
+    }
+}
+
+/* Equal densities that come to a square each: the budget is met to the photon or missed by a whole row, never
+ * passed. */
+static void equal_squares_do_not_pass_the_budget(void **state)
+{
+    (void)state;
+    for (uint32_t side = 2; side < 9; side++) {
+        struct task_buffers *b = buffers_of(32, 1, 1);
+        b->frame.photon_budget = side * side * b->total;
+        for (uint32_t i = 0; i < b->total; i++)
+            b->density[i] = 777.7f;
+        run_budget(b);
+        assert_true(b->counters.task_count <= b->frame.photon_budget);
+        assert_true(b->counters.task_count >= (side - 1) * (side - 1) * b->total);
+        free(b);
+    }
+}
+
+/* ---- remap --------------------------------------------------------------------------------------------- */
+
+static void run_seed(struct task_buffers *b)
+{
+    run(b, "density_seed.comp", 0, b->total,
+        (struct pass_list[5]){{BINDING_PASS + 2, GPU_READ, b->old_density, b->total * 4},
+                              {BINDING_PASS + 3, GPU_WRITE, b->density, b->total * 4}});
+}
+
+static void set_old(struct light_gpu *light, const struct light_gpu *old)
+{
+    light->old_x = old->tile_x;
+    light->old_y = old->tile_y;
+    light->old_z = old->tile_z;
+    light->old_origin = old->tile_origin;
+    light->old_map = old->map;
+    light->has_previous = light->changed = 1;
+}
+
+static struct light_gpu tile_of(uint32_t map, struct vector axis, double half_angle)
+{
+    struct light_gpu light = {.type = map == TILE_RECT ? LIGHT_TYPE_DIRECTIONAL : LIGHT_TYPE_POINT,
+                              .map = map};
+    tile_set_frame(&light, axis);
+    double height = 2 * pow(sin(0.5 * half_angle), 2);
+    light.tile_z.w = (float)height;
+    light.tile_origin.w = (float)(map == TILE_CAP ? 2 * PI * height : 4 * PI);
+    if (map == TILE_RECT) {
+        light.tile_x.w = (float)half_angle;
+        light.tile_y.w = (float)(0.5 * half_angle);
+        light.tile_origin = (vec4){(float)(0.3 * half_angle), 0.2f, 1, (float)(2 * half_angle * half_angle)};
+    }
+    return light;
+}
+
+/* Where the middle of a new cell lies on the old tile; false outside it. */
+static bool old_place(const struct light_gpu *light, const struct light_gpu *old, double u, double v,
+                      double *old_u, double *old_v)
+{
+    if (light->map == TILE_RECT) {
+        struct vector p = tile_to_world(light, (struct vector){(2 * u - 1) * (double)light->tile_x.w,
+                                                               (2 * v - 1) * (double)light->tile_y.w, 0});
+        struct vector from = vector_of(light->tile_origin), to = vector_of(old->tile_origin);
+        p = tile_to_local(old,
+                          (struct vector){p.x + from.x - to.x, p.y + from.y - to.y, p.z + from.z - to.z});
+        *old_u = 0.5 * (p.x / (double)old->tile_x.w + 1);
+        *old_v = 0.5 * (p.y / (double)old->tile_y.w + 1);
+        return *old_u >= 0 && *old_v >= 0 && *old_u < 1 && *old_v < 1;
+    }
+    struct vector d = tile_to_local(old, tile_direction(light, u, v));
+    if (old->map == TILE_SPHERE)
+        octahedron_place(d, old_u, old_v);
+    else if (1 - d.z <= (double)old->tile_z.w)
+        cap_place(d, (double)old->tile_z.w, old_u, old_v);
+    else
+        return false;
+    return true;
+}
+
+/* The density per solid angle at a direction is the same before and after: D goes with the tiles' measures.
+ */
+static void moved_tiles_keep_their_density(void **state)
+{
+    (void)state;
+    const struct vector axis = {0.2, -0.9, 0.3}, turned = {0.35, -0.8, 0.2};
+    const struct {
+        const char *name;
+        struct light_gpu light, old;
+    } cases[] = {
+        {"cap to wider cap", tile_of(TILE_CAP, turned, 0.6), tile_of(TILE_CAP, axis, 0.4)},
+        {"cap to narrower cap", tile_of(TILE_CAP, turned, 0.2), tile_of(TILE_CAP, axis, 0.7)},
+        {"sphere to cap", tile_of(TILE_CAP, turned, 1.3), tile_of(TILE_SPHERE, axis, PI)},
+        {"cap to sphere", tile_of(TILE_SPHERE, turned, PI), tile_of(TILE_CAP, axis, 1.8)},
+        {"sphere to turned sphere", tile_of(TILE_SPHERE, turned, PI), tile_of(TILE_SPHERE, axis, PI)},
+        {"rectangle to wider one", tile_of(TILE_RECT, turned, 2), tile_of(TILE_RECT, turned, 1.5)},
+    };
+    enum { CELLS = 32 };
+    random_state = 41;
+    for (uint32_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        struct task_buffers *b =
+            buffers_of(CELLS, 4, 2); /* the second light's tile moves, the first one's stays */
+        b->lights[0] = tile_of(TILE_CAP, axis, 1);
+        b->lights[0].has_previous = 1;
+        b->lights[1] = cases[i].light;
+        set_old(&b->lights[1], &cases[i].old);
+        for (uint32_t cell = 0; cell < 2 * CELLS * CELLS; cell++) {
+            b->old_density[cell] = (float)(2 + 50 * uniform());
+            b->mask[cell] = uniform() < 0.8;
+        }
+        run_seed(b);
+        double ratio = (double)cases[i].light.tile_origin.w / (double)cases[i].old.tile_origin.w;
+        uint32_t found = 0, outside = 0, border = 0;
+        for (uint32_t cell = 0; cell < b->total; cell++) {
+            double d = (double)b->density[cell];
+            if (!b->mask[cell]) {
+                assert_true(d == 0);
+                continue;
+            }
+            if (cell < CELLS * CELLS) {
+                assert_true(d == (double)b->old_density[cell]);
+                continue;
+            }
+            uint32_t x, y;
+            pass_morton_place(cell % (CELLS * CELLS), &x, &y);
+            double u = 0, v = 0;
+            bool is_inside =
+                old_place(&cases[i].light, &cases[i].old, (x + 0.5) / CELLS, (y + 0.5) / CELLS, &u, &v);
+            double edge_u = fabs(u * CELLS - floor(u * CELLS + 0.5)),
+                   edge_v = fabs(v * CELLS - floor(v * CELLS + 0.5));
+            if (is_inside && fmin(edge_u, edge_v) < 1e-3) {
+                border++; /* rounding decides which neighbour it is */
+                continue;
+            }
+            double expected = b->frame.min_samples;
+            if (is_inside) {
+                uint32_t old_cell = CELLS * CELLS + pass_morton((uint32_t)(u * CELLS), (uint32_t)(v * CELLS));
+                expected = fmax(expected, (double)b->old_density[old_cell] * ratio);
+            }
+            found += is_inside;
+            outside += !is_inside;
+            assert_close(d, expected, 1e-5 * expected);
+        }
+        print_message("%s: %u cells kept their density, %u are new, %u on borders\n", cases[i].name, found,
+                      outside, border);
+        assert_true(found > 200 && border < 40);
+        free(b);
+    }
+    /* without a past, flat at what the budget's scale turns into the budget */
+    struct task_buffers *b = buffers_of(8, 1, 1);
+    b->lights[0] = tile_of(TILE_CAP, axis, 1);
+    run_seed(b);
+    for (uint32_t i = 0; i < b->total; i++)
+        assert_true(b->density[i] == (float)b->frame.photon_budget);
+    run_budget(b);
+    assert_int_equal(b->counters.task_count, b->total * 2025); /* 45^2 of 2048 */
+    free(b);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(densities_follow_the_model),
+        cmocka_unit_test(both_rules_ask_for_the_same_total),
+        cmocka_unit_test(uniform_density_stays),
+        cmocka_unit_test(weak_branches_are_thinned_where_they_matter_little),
+        cmocka_unit_test(poison_is_clamped),
+        cmocka_unit_test(the_budget_holds_and_tasks_cover_it),
+        cmocka_unit_test(equal_squares_do_not_pass_the_budget),
+        cmocka_unit_test(moved_tiles_keep_their_density),
+    };
+    return cmocka_run_group_tests(tests, set_up, tear_down);
+}
