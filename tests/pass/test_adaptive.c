@@ -1,0 +1,172 @@
+/* What adapting the density is worth: how many more rays uniform density needs for the same error.
+ *
+ * For every rule the rays traced and the error of a frame at the default settings are set against two curves
+ * of uniform density over growing budgets, log-log between their points: `mask`, over the cells that can meet
+ * a caster, and `full`, over the light's whole emission without tile fitting or mask. Where uniform is still
+ * worse at its largest budget the factor is a lower bound. Where it is better at its smallest, the factor is
+ * an upper bound.
+ *
+ * With CAUSTICD_ADAPTIVE_TABLE set, the table is made for every built-in scene and nothing is asserted. */
+
+#include <string.h>
+
+#include "tests/support/check.h"
+#include "tests/support/reference.h"
+#include "tests/support/stage.h"
+#include "tests/support/truth.h"
+
+#ifndef REFERENCE_PHOTONS
+#define REFERENCE_PHOTONS 20e6
+#endif
+enum { WIDTH = 480, HEIGHT = 270, WARM_UP = 8, POINTS = 6 };
+
+struct point {
+    double rays, photons, raw, filtered;
+};
+
+static struct point measure(struct truth *stage, const struct reference *reference, const char *settings,
+                            uint32_t warm_up)
+{
+    truth_set(stage, settings);
+    view_reset(stage->view);
+    const struct frame_result *result = truth_render(stage, warm_up + 1, 1u << CHANNEL_CAUSTICS);
+    const float *caustics = truth_channel(result, CHANNEL_CAUSTICS);
+    return (struct point){result->stats[STAT_rays_traced], result->stats[STAT_photons_emitted],
+                          reference_error(reference, caustics),
+                          reference_filtered_error(reference, caustics)};
+}
+
+/* Uniform density over growing budgets; the bigger tile needs more to hit anything at all. */
+static void measure_uniform(struct truth *stage, const struct reference *reference, const char *settings,
+                            struct point points[POINTS])
+{
+    static const int budgets[POINTS] = {16384, 36864, 65536, 147456, 294912, 262144};
+    for (int i = 0; i < POINTS; i++) {
+        char text[160];
+        /* the last: four frames' worth of photons in one, moved within their strata */
+        snprintf(text, sizeof text, "density=uniform photons=%d accumulate=%d %s", budgets[i],
+                 i == POINTS - 1 ? 4 : 1, settings);
+        points[i] = measure(stage, reference, text, 0);
+    }
+    truth_set(stage, "accumulate=1");
+}
+
+struct factor {
+    double value;
+    char bound; /* '>': at least, '<': at most, ' ': between measured points */
+};
+
+/* Rays of the curve at this error over `rays`. A curve that turns up again counts at the last place where it
+ * was above the error: all that follow are better. */
+static struct factor factor_at(const struct point points[POINTS], double error, double rays, bool is_filtered)
+{
+    int last = -1;
+    for (int i = 0; i < POINTS; i++)
+        if ((is_filtered ? points[i].filtered : points[i].raw) > error)
+            last = i;
+    if (last == POINTS - 1)
+        return (struct factor){points[last].rays / rays, '>'};
+    if (last < 0)
+        return (struct factor){points[0].rays / rays, '<'};
+    const struct point *a = &points[last], *b = &points[last + 1];
+    double from = log(is_filtered ? a->filtered : a->raw), to = log(is_filtered ? b->filtered : b->raw);
+    double t = (log(error) - from) / (to - from);
+    return (struct factor){exp(log(a->rays) + t * (log(b->rays) - log(a->rays))) / rays, ' '};
+}
+
+static void print_curve(const char *scene, const char *name, const struct point points[POINTS])
+{
+    for (int i = 0; i < POINTS; i++)
+        print_message("%-8s uniform %-4s %9.0f photons %9.0f rays: L1 %6.2f %%, 3x3 %6.2f %%\n", scene, name,
+                      points[i].photons, points[i].rays, 100 * points[i].raw, 100 * points[i].filtered);
+}
+
+struct outcome {
+    struct factor mask, full; /* filtered */
+};
+
+static struct outcome compare(const char *scene)
+{
+    struct reference reference = reference_make(scene, WIDTH, HEIGHT, REFERENCE_PHOTONS);
+    print_message("%-8s reference of %.1f M photons, noise %.2f %%, 3x3 %.2f %%\n", scene,
+                  1e-6 * reference.photons, 100 * reference.noise, 100 * reference.filtered_noise);
+    struct truth stage;
+    stage_open(&stage, scene, WIDTH, HEIGHT, NULL);
+    struct point rules[2], mask[POINTS], full[POINTS];
+    char defaults[64];
+    snprintf(defaults, sizeof defaults, "photons=%d", (int)setting_infos[SETTING_photons].value);
+    rules[0] = measure(&stage, &reference, defaults, WARM_UP);
+    rules[1] = measure(&stage, &reference, "density=area", WARM_UP);
+    measure_uniform(&stage, &reference, "", mask);
+    measure_uniform(&stage, &reference, "tile=full caster_mask=off", full);
+    truth_close(&stage);
+    print_curve(scene, "mask", mask);
+    print_curve(scene, "full", full);
+    struct outcome outcome = {0};
+    for (int i = 0; i < 2; i++) {
+        struct factor factors[4];
+        for (int k = 0; k < 4; k++)
+            factors[k] = factor_at(k < 2 ? mask : full, k % 2 ? rules[i].raw : rules[i].filtered,
+                                   rules[i].rays, k % 2 == 0);
+        print_message("%-8s density=%-4s %9.0f photons %9.0f rays: L1 %6.2f %%, 3x3 %6.2f %%; uniform needs "
+                      "%c%.2f (raw %c%.2f) times the rays over the mask, %c%.2f (raw %c%.2f) over all\n",
+                      scene, i ? "area" : "sqrt", rules[i].photons, rules[i].rays, 100 * rules[i].raw,
+                      100 * rules[i].filtered, factors[0].bound, factors[0].value, factors[1].bound,
+                      factors[1].value, factors[2].bound, factors[2].value, factors[3].bound,
+                      factors[3].value);
+        if (i == 0)
+            outcome = (struct outcome){factors[0], factors[2]};
+    }
+    /* A reference as noisy as what it judges would hide the difference. */
+    if (!getenv("CAUSTICD_ADAPTIVE_TABLE"))
+        assert_in_bound(reference.filtered_noise, 0.5 * rules[0].filtered);
+    reference_free(&reference);
+    return outcome;
+}
+
+static void check(const char *scene)
+{
+    struct outcome outcome = compare(scene);
+    if (getenv("CAUSTICD_ADAPTIVE_TABLE"))
+        return;
+    if (outcome.full.value < 10 || outcome.full.bound == '<')
+        print_error("%s: uniform over the whole emission needs %.2f times the rays, not 10\n", scene,
+                    outcome.full.value);
+    if (outcome.mask.value < 2 || outcome.mask.bound == '<')
+        print_error("%s: uniform over the mask needs %.2f times the rays, not 2\n", scene,
+                    outcome.mask.value);
+    assert_true(outcome.full.value >= 10 && outcome.full.bound != '<');
+    assert_true(outcome.mask.value >= 2 && outcome.mask.bound != '<');
+}
+
+static void sphere(void **state)
+{
+    (void)state;
+    check("sphere");
+}
+
+static void square(void **state)
+{
+    (void)state;
+    check("square");
+}
+
+static void the_others(void **state)
+{
+    (void)state;
+    if (!getenv("CAUSTICD_ADAPTIVE_TABLE"))
+        skip();
+    for (uint32_t i = 0; i < builtin_scene_count; i++) {
+        const char *name = builtin_scenes[i].name;
+        if (strcmp(name, "sphere") != 0 && strcmp(name, "square") != 0 && strcmp(name, "empty") != 0 &&
+            strcmp(name, "no-caster") != 0)
+            check(name);
+    }
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {cmocka_unit_test(sphere), cmocka_unit_test(square),
+                                       cmocka_unit_test(the_others)};
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
