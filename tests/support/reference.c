@@ -117,39 +117,33 @@ struct reference reference_make(const char *scene, uint32_t width, uint32_t heig
 {
     struct reference reference = {.width = width, .height = height};
     reference.values = new_values(&reference);
-    char settings[128], path[512];
-    snprintf(settings, sizeof settings, "photons=%d density=uniform aa=pixel accumulate=%d", PHOTONS_A_FRAME,
-             (int)ceil(0.5 * photons / PHOTONS_A_FRAME));
-    bool is_kept = cache_path(scene, settings, &reference, path, sizeof path);
+    char settings[128], path[512], key[160];
+    snprintf(settings, sizeof settings, "photons=%d density=uniform aa=pixel", PHOTONS_A_FRAME);
+    snprintf(key, sizeof key, "%s %.0f", settings, photons);
+    bool is_kept = cache_path(scene, key, &reference, path, sizeof path);
     if (is_kept && cache_read(path, &reference))
         return reference;
 
     struct truth stage;
     stage_open(&stage, scene, width, height, settings);
-    /* Emission has whole strata: a frame emits less than its budget. So as many halves as it takes. */
-    float *halves[2] = {new_values(&reference), new_values(&reference)};
-    for (int half = 0; half < 2; half++)
-        memset(halves[half], 0, value_count(&reference) * sizeof(float));
-    uint32_t rounds = 0;
-    do {
-        for (int half = 0; half < 2; half++) {
-            char seed[32];
-            snprintf(seed, sizeof seed, "seed=%u", 2 * rounds + (uint32_t)half + 1);
-            truth_set(&stage, seed);
-            const struct frame_result *result = truth_render(&stage, 1, 1u << CHANNEL_CAUSTICS);
-            const float *values = truth_channel(result, CHANNEL_CAUSTICS);
-            for (size_t i = 0; i < value_count(&reference); i++)
-                halves[half][i] += values[i];
-            reference.photons += result->stats[STAT_photons_emitted];
-        }
-        rounds++;
-    } while (reference.photons < photons);
-    truth_close(&stage);
-    for (size_t i = 0; i < value_count(&reference); i++) {
-        for (int half = 0; half < 2; half++)
-            halves[half][i] /= (float)rounds;
-        reference.values[i] = 0.5f * (halves[0][i] + halves[1][i]);
+    /* Emission has whole strata: a frame emits less than its budget. */
+    double emitted = truth_render(&stage, 1, 0)->stats[STAT_photons_emitted];
+    assert_true(emitted > 0);
+    float *halves[2];
+    for (int half = 0; half < 2; half++) {
+        snprintf(settings, sizeof settings, "accumulate=%.0f seed=%d", ceil(0.5 * photons / emitted),
+                 half + 1);
+        truth_set(&stage, settings);
+        const struct frame_result *result = truth_render(&stage, 1, 1u << CHANNEL_CAUSTICS);
+        const float *values = truth_channel(result, CHANNEL_CAUSTICS);
+        halves[half] = new_values(&reference);
+        memcpy(halves[half], values, value_count(&reference) * sizeof *values);
+        reference.photons += result->stats[STAT_photons_emitted];
     }
+    truth_close(&stage);
+    assert_true(reference.photons >= photons);
+    for (size_t i = 0; i < value_count(&reference); i++)
+        reference.values[i] = 0.5f * (halves[0][i] + halves[1][i]);
     struct measure_image a = image_of(&reference, halves[0]), b = image_of(&reference, halves[1]);
     if (measure_non_finite(&a) + measure_non_finite(&b) > 0)
         fail_msg("%s: the reference is not finite", scene);
