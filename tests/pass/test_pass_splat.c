@@ -1,0 +1,443 @@
+/* test_pass_splat.c: splat.comp and resolve.comp against a loop over every photon and every pixel in double
+ * precision; and against themselves, in another order, bit by bit.
+ */
+#include <string.h>
+
+#include "tests/support/check.h"
+#include "tests/support/pass_device.h"
+
+enum { WIDTH = 61, HEIGHT = 37, PIXELS = WIDTH * HEIGHT, PHOTONS = 700 };
+
+static struct pass_device *device;
+static uint64_t random_state;
+
+static int set_up(void **state)
+{
+    (void)state;
+    device = pass_device_create();
+    return 0;
+}
+
+static int tear_down(void **state)
+{
+    (void)state;
+    pass_device_destroy(&device);
+    return 0;
+}
+
+static double between(double low, double high)
+{
+    return low + (high - low) * pass_random(&random_state);
+}
+
+/* ---- normals in 2 x 16 bits ---------------------------------------------------------------------------- */
+
+static uint32_t pack_normal(const double n[3])
+{
+    double sum = fabs(n[0]) + fabs(n[1]) + fabs(n[2]), x = n[0] / sum, y = n[1] / sum;
+    if (n[2] < 0) { /* the lower half is folded over the diagonals */
+        double across = x;
+        x = copysign(1 - fabs(y), x);
+        y = copysign(1 - fabs(across), y);
+    }
+    int32_t a = (int32_t)lround(x * 32767), b = (int32_t)lround(y * 32767);
+    return ((uint32_t)a & 0xffff) | (uint32_t)b << 16;
+}
+
+static void unpack_normal(uint32_t bits, double n[3])
+{
+    double x = fmax((int16_t)(bits & 0xffff) / 32767.0, -1), y = fmax((int16_t)(bits >> 16) / 32767.0, -1);
+    n[2] = 1 - fabs(x) - fabs(y);
+    n[0] = n[2] < 0 ? copysign(1 - fabs(y), x) : x;
+    n[1] = n[2] < 0 ? copysign(1 - fabs(x), y) : y;
+    double length = sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
+    for (int k = 0; k < 3; k++)
+        n[k] /= length;
+}
+
+static float bits_float(uint32_t bits)
+{
+    float value;
+    memcpy(&value, &bits, sizeof value);
+    return value;
+}
+
+static uint32_t float_bits(float value)
+{
+    uint32_t bits;
+    memcpy(&bits, &value, sizeof bits);
+    return bits;
+}
+
+/* ---- what is drawn ------------------------------------------------------------------------------------- */
+
+struct picture {
+    struct frame_gpu frame;
+    uint32_t features, aa, depth, count;
+    struct photon photons[PHOTONS];
+    struct target_gpu targets[PIXELS];
+    struct surface_gpu surfaces[PIXELS];
+    struct counters_gpu counters;
+    uint32_t sums[6 * PIXELS];
+    vec4 irradiance[PIXELS];
+};
+
+/* A camera at the origin looks down -z at the wall z = -4; left of an edge there is a step of it, z = -3.4; a
+ * strip of it is turned by 70 degrees; here and there is nothing. */
+static void make_targets(struct picture *p)
+{
+    const double focal = 40;
+    p->frame.width = WIDTH;
+    p->frame.height = HEIGHT;
+    p->frame.forward = (vec4){0, 0, -1, (float)(1 / (focal * focal))};
+    for (uint32_t i = 0; i < PIXELS; i++) {
+        uint32_t x = i % WIDTH, y = i / WIDTH;
+        double depth = x < 20 ? 3.4 : 4, normal[3] = {0, 0, 1};
+        if (y >= 30) {
+            normal[0] = sin(1.22);
+            normal[2] = cos(1.22);
+        }
+        bool is_empty = x > 50 && y < 8;
+        p->targets[i].position_normal =
+            (vec4){(float)((x + 0.5 - WIDTH * 0.5) / focal * depth),
+                   (float)(-(y + 0.5 - HEIGHT * 0.5) / focal * depth), (float)-depth,
+                   bits_float(is_empty ? NONE : pack_normal(normal))};
+        p->surfaces[i].albedo = (vec4){0.8f, 0.5f, x % 7 ? 0.25f : 0, 0};
+    }
+}
+
+/* Ellipses of every size and stretch, under perspective, many half outside; every fifth a box. */
+static void make_photons(struct picture *p)
+{
+    const double facing[3] = {0, 0, 1};
+    p->count = PHOTONS;
+    for (uint32_t i = 0; i < PHOTONS; i++) {
+        struct photon *photon = &p->photons[i];
+        double depth = i % 3 ? 4 : 3.4;
+        photon->position = (vec4){(float)between(-2, 2), (float)between(-1, 1),
+                                  (float)(-depth + between(-0.05, 0.05)), bits_float(pack_normal(facing))};
+        photon->center = (vec4){(float)between(-15, WIDTH + 15), (float)between(-15, HEIGHT + 15), 0, 0};
+        photon->density = (vec4){(float)between(0.1, 4), (float)between(0.1, 4), (float)between(0.1, 4),
+                                 (float)between(0.02, 0.2)};
+        photon->cell = i % 11 ? i % 5 | (i % 2 ? CELL_WEAK : 0) : NONE;
+        if (i % 5 == 0) {
+            photon->ellipse = (vec4){(float)between(0, 1), (float)between(0, 1), 0, -1};
+            continue;
+        }
+        /* covariance from axes: the upper triangular U has |U o| = 1 on the ellipse */
+        double minor = exp(between(log(0.4), log(4))), major = minor * exp(between(0, log(60))),
+               turn = between(0, 3.14159);
+        major = fmin(major, 64);
+        double c = cos(turn), s = sin(turn), xx = major * major * c * c + minor * minor * s * s,
+               yy = major * major * s * s + minor * minor * c * c,
+               xy = (major * major - minor * minor) * c * s;
+        double det = xx * yy - xy * xy, u00 = sqrt(yy / det);
+        double bend = between(0, 0.5), way = between(0, 6.2832), w[2] = {cos(way), sin(way)};
+        double along = sqrt(w[0] * w[0] * xx + 2 * w[0] * w[1] * xy + w[1] * w[1] * yy);
+        photon->center.z = (float)(bend * w[0] / along);
+        photon->center.w = (float)(bend * w[1] / along);
+        photon->ellipse = (vec4){(float)u00, (float)(-xy / (det * u00)), (float)(1 / sqrt(yy)),
+                                 (float)(sqrt(yy) / (1 - bend) * 1.0001)};
+    }
+}
+
+static struct picture *picture_of(uint32_t features, uint32_t aa, uint32_t depth)
+{
+    struct picture *p = calloc(1, sizeof *p);
+    assert_non_null(p);
+    p->features = features;
+    p->aa = aa;
+    p->depth = depth;
+    p->frame.irradiance_unit = 0x1p-20f;
+    p->frame.flux_unit = 0x1p-20f;
+    p->frame.tint = (vec4){1, 1, 1, 0};
+    make_targets(p);
+    make_photons(p);
+    return p;
+}
+
+static void draw(struct picture *p)
+{
+    memset(p->sums, 0, sizeof p->sums);
+    p->counters = (struct counters_gpu){.photon_count = p->count};
+    size_t size = PIXELS * (p->features & FEATURE_CHROMATIC ? 24 : 8);
+    pass_device_run(device, &(struct pass_run){
+                                .shader = "splat.comp",
+                                .features = p->features,
+                                .aa = p->aa,
+                                .depth = p->depth,
+                                .threads = p->count,
+                                PASS_LISTS({BINDING_FRAME, GPU_READ, &p->frame, sizeof p->frame},
+                                           {BINDING_PASS, GPU_READ_WRITE, &p->counters, sizeof p->counters},
+                                           {BINDING_PASS + 1, GPU_READ, p->targets, sizeof p->targets},
+                                           {BINDING_PASS + 2, GPU_READ, p->photons, sizeof p->photons},
+                                           {BINDING_PASS + 3, GPU_READ_WRITE, p->sums, size})});
+    pass_device_run(device, &(struct pass_run){
+                                .shader = "resolve.comp",
+                                .features = p->features,
+                                .aa = p->aa,
+                                .threads = PIXELS,
+                                PASS_LISTS({BINDING_FRAME, GPU_READ, &p->frame, sizeof p->frame},
+                                           {BINDING_LIGHTS, GPU_READ, p->targets, sizeof p->targets},
+                                           {BINDING_PASS, GPU_READ_WRITE, &p->counters, sizeof p->counters},
+                                           {BINDING_PASS + 1, GPU_READ, p->targets, sizeof p->targets},
+                                           {BINDING_PASS + 2, GPU_READ, p->sums, size},
+                                           {BINDING_PASS + 3, GPU_WRITE, p->irradiance, sizeof p->irradiance},
+                                           {BINDING_PASS + 4, GPU_READ, p->surfaces, sizeof p->surfaces})});
+}
+
+/* ---- the model ----------------------------------------------------------------------------------------- */
+
+static bool accepts(const struct picture *p, uint32_t pixel, const struct photon *photon, bool *is_close)
+{
+    vec4 target = p->targets[pixel].position_normal;
+    if (float_bits(target.w) == NONE)
+        return false;
+    double n[3], m[3];
+    unpack_normal(float_bits(photon->position.w), n);
+    unpack_normal(float_bits(target.w), m);
+    double off = ((double)target.x - (double)photon->position.x) * n[0] +
+                 ((double)target.y - (double)photon->position.y) * n[1] +
+                 ((double)target.z - (double)photon->position.z) * n[2];
+    double limit = (double)photon->density.w, facing = n[0] * m[0] + n[1] * m[1] + n[2] * m[2];
+    if (p->depth == DEPTH_MARGIN) {
+        limit = 0.01 * fabs((double)target.x * n[0] + (double)target.y * n[1] + (double)target.z * n[2]);
+        facing = 1;
+    }
+    *is_close |= fabs(fabs(off) / limit - 1) < 1e-5;
+    return fabs(off) <= limit && facing > 0.5;
+}
+
+/* What a photon adds at a pixel per unit of its density; *is_close when rounding decides whether it does. */
+static double kernel(const struct picture *p, const struct photon *photon, int x, int y, bool *is_close)
+{
+    double cx = (double)photon->center.x, cy = (double)photon->center.y;
+    if (p->aa == AA_PIXEL)
+        return floor(cx) == x && floor(cy) == y;
+    if (p->aa == AA_FILTER && photon->ellipse.w < 0) {
+        /* the share of the box that lies over the pixel */
+        double wide = fmax((double)photon->ellipse.x, 1e-6), high = fmax((double)photon->ellipse.y, 1e-6);
+        double left = fmax(cx - 0.5 * wide, x), right = fmin(cx + 0.5 * wide, x + 1);
+        double top = fmax(cy - 0.5 * high, y), bottom = fmin(cy + 0.5 * high, y + 1);
+        return fmax(right - left, 0) * fmax(bottom - top, 0) / (wide * high);
+    }
+    double ox = x + 0.5 - cx, oy = y + 0.5 - cy;
+    double depth = 1 + (double)photon->center.z * ox + (double)photon->center.w * oy;
+    double a = (double)photon->ellipse.x * ox + (double)photon->ellipse.y * oy,
+           b = (double)photon->ellipse.z * oy;
+    double r2 = (a * a + b * b) / (depth * depth);
+    if (depth <= 0)
+        return 0; /* behind the horizon */
+    *is_close |= fabs(r2 - 1) < 1e-4;
+    if (r2 >= 1)
+        return 0;
+    return p->aa == AA_NONE ? 1 : 1 - r2;
+}
+
+static void compare(const char *name, struct picture *p)
+{
+    static double expected[PIXELS][3], doubt[PIXELS];
+    memset(expected, 0, sizeof expected);
+    memset(doubt, 0, sizeof doubt);
+    uint32_t inside = 0, reached = 0, doubts = 0;
+    for (uint32_t i = 0; i < p->count; i++) {
+        const struct photon *photon = &p->photons[i];
+        if (photon->cell == NONE)
+            continue;
+        bool has_reached = false;
+        double value[3] = {(double)photon->density.x, (double)photon->density.y, (double)photon->density.z};
+        for (uint32_t pixel = 0; pixel < PIXELS; pixel++) {
+            bool is_close = false;
+            double k = kernel(p, photon, (int)(pixel % WIDTH), (int)(pixel / WIDTH), &is_close);
+            if (k == 0 && !is_close)
+                continue;
+            inside += k > 0;
+            bool takes = p->aa == AA_PIXEL || accepts(p, pixel, photon, &is_close);
+            doubts += is_close;
+            for (int c = 0; c < 3; c++)
+                expected[pixel][c] += takes ? k * value[c] : 0;
+            if (is_close)
+                doubt[pixel] += fmax(value[0], fmax(value[1], value[2]));
+            has_reached |= takes && k > 0;
+        }
+        reached += has_reached;
+    }
+    double worst = 0, sum = 0, found_sum = 0, flux = 0;
+    const double tint[3] = {(double)p->frame.tint.x, (double)p->frame.tint.y, (double)p->frame.tint.z};
+    for (uint32_t i = 0; i < PIXELS; i++) {
+        const float *found = &p->irradiance[i].x, *albedo = &p->surfaces[i].albedo.x;
+        double mean = (expected[i][0] + expected[i][1] + expected[i][2]) / 3, seen = 0;
+        for (int c = 0; c < 3; c++) {
+            double e = p->features & FEATURE_CHROMATIC ? expected[i][c] : mean * tint[c];
+            double tolerance = 2e-5 * e + 2e-5 + doubt[i];
+            worst = fmax(worst, fabs((double)found[c] - e) / tolerance);
+            sum += e;
+            found_sum += (double)found[c];
+            seen += p->aa != AA_PIXEL ? (double)found[c]
+                    : albedo[c] > 0   ? (double)found[c] / (double)albedo[c]
+                                      : 0;
+        }
+        vec4 target = p->targets[i].position_normal;
+        if (float_bits(target.w) != NONE) {
+            /* a pixel's part of the sphere, seen from the eye, on the target's plane */
+            double n[3], z = -(double)target.z;
+            unpack_normal(float_bits(target.w), n);
+            double distance =
+                sqrt((double)target.x * (double)target.x + (double)target.y * (double)target.y + z * z);
+            double toward =
+                fabs((double)target.x * n[0] + (double)target.y * n[1] + (double)target.z * n[2]) / distance;
+            double solid_angle = (double)p->frame.forward.w * pow(z / distance, 3);
+            flux += seen * solid_angle * distance * distance / toward;
+        }
+    }
+    double ledger = pass_fixed(p->counters.flux_low[FATE_BUFFER], p->counters.flux_high[FATE_BUFFER]) *
+                    (double)p->frame.flux_unit;
+    print_message("%s: %u pixels inside, %u in doubt; worst %.2f of the tolerance, sums %.6f and %.6f\n",
+                  name, inside, doubts, worst, found_sum, sum);
+    assert_in_bound(worst, 1);
+    assert_close(found_sum, sum, 1e-5 * sum);
+    assert_true(sum > 0);
+    assert_close(ledger, flux, 1e-4 * flux);
+    assert_in_bound(fabs((double)p->counters.count[COUNT_KERNEL_INSIDE] - inside), doubts + 1e-3 * inside);
+    assert_in_bound(fabs((double)p->counters.count[COUNT_CONTRIBUTING] - reached), doubts);
+    assert_true(p->counters.count[COUNT_KERNEL] >= p->counters.count[COUNT_KERNEL_INSIDE]);
+    assert_int_equal(p->counters.count[COUNT_GUARD_OVERFLOW], 0);
+}
+
+/* ---- tests --------------------------------------------------------------------------------------------- */
+
+static void splats_follow_the_model(void **state)
+{
+    (void)state;
+    static const struct {
+        const char *name;
+        uint32_t features, aa, depth;
+    } cases[] = {
+        {"filter", FEATURE_CHROMATIC, AA_FILTER, DEPTH_PLANE},
+        {"filter, one channel", 0, AA_FILTER, DEPTH_PLANE},
+        {"filter, margin", FEATURE_CHROMATIC, AA_FILTER, DEPTH_MARGIN},
+        {"none", FEATURE_CHROMATIC, AA_NONE, DEPTH_PLANE},
+        {"pixel", FEATURE_CHROMATIC, AA_PIXEL, DEPTH_PLANE},
+    };
+    for (uint32_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        random_state = 5 + i;
+        struct picture *p = picture_of(cases[i].features, cases[i].aa, cases[i].depth);
+        if (p->features == 0)
+            p->frame.tint = (vec4){1.5f, 0.9f, 0.6f, 0};
+        if (p->aa == AA_NONE) /* boxes are the filter's */
+            for (uint32_t k = 0; k < PHOTONS; k += 5)
+                p->photons[k].cell = NONE;
+        for (uint32_t k = 0; k < PHOTONS && p->aa == AA_PIXEL;
+             k++) { /* photon_compact hands over none outside */
+            const vec4 *center = &p->photons[k].center;
+            if (center->x < 0 || center->y < 0 || center->x >= WIDTH || center->y >= HEIGHT)
+                p->photons[k].cell = NONE;
+        }
+        draw(p);
+        compare(cases[i].name, p);
+        free(p);
+    }
+}
+
+/* No light crosses a step of the wall nor lands on the strip that is turned away, wherever its ellipse
+ * reaches. */
+static void edges_stop_light(void **state)
+{
+    (void)state;
+    random_state = 21;
+    struct picture *p = picture_of(FEATURE_CHROMATIC, AA_FILTER, DEPTH_PLANE);
+    for (uint32_t i = 0; i < PHOTONS; i++) {
+        p->photons[i].position.z = -4;
+        p->photons[i].density.w = 0.1f;
+        p->photons[i].center.x = (float)between(15, 30); /* about the step */
+        p->photons[i].center.y = (float)between(20, 35); /* and the strip */
+    }
+    draw(p);
+    double lit = 0;
+    for (uint32_t i = 0; i < PIXELS; i++) {
+        uint32_t x = i % WIDTH, y = i / WIDTH;
+        if (x < 20 || y >= 30 || (x > 50 && y < 8))
+            assert_true(p->irradiance[i].x == 0 && p->irradiance[i].y == 0 && p->irradiance[i].z == 0);
+        else
+            lit += (double)p->irradiance[i].x;
+    }
+    assert_true(lit > 0);
+    free(p);
+}
+
+static void order_changes_no_bit(void **state)
+{
+    (void)state;
+    random_state = 31;
+    for (uint32_t aa = AA_FILTER; aa <= AA_PIXEL; aa++) {
+        struct picture *p = picture_of(FEATURE_CHROMATIC, aa, DEPTH_PLANE);
+        draw(p);
+        uint32_t *sums = malloc(sizeof p->sums);
+        vec4 *irradiance = malloc(sizeof p->irradiance);
+        assert_true(sums && irradiance);
+        memcpy(sums, p->sums, sizeof p->sums);
+        memcpy(irradiance, p->irradiance, sizeof p->irradiance);
+        for (int turn = 0; turn < 3; turn++) {
+            draw(p); /* first as it was, then shuffled */
+            assert_memory_equal(sums, p->sums, sizeof p->sums);
+            assert_memory_equal(irradiance, p->irradiance, sizeof p->irradiance);
+            for (uint32_t i = PHOTONS - 1; i > 0; i--) {
+                uint32_t other = (uint32_t)between(0, i + 1);
+                struct photon swap = p->photons[i];
+                p->photons[i] = p->photons[other];
+                p->photons[other] = swap;
+            }
+        }
+        free(sums);
+        free(irradiance);
+        free(p);
+    }
+}
+
+/* Sums past 32 bits carry; what passes 64 bits is clamped and counted, and the picture stays finite. */
+static void overflow_is_counted(void **state)
+{
+    (void)state;
+    random_state = 41;
+    struct picture *p = picture_of(FEATURE_CHROMATIC, AA_PIXEL, DEPTH_PLANE);
+    double expected = 0;
+    for (uint32_t i = 0; i < PHOTONS; i++) {
+        p->photons[i].cell = 0;
+        p->photons[i].center = (vec4){3.5f, 4.5f, 0, 0};
+        p->photons[i].density = (vec4){(float)between(100, 4000), 1e30f, 0, 0};
+        expected += (double)p->photons[i].density.x;
+    }
+    draw(p);
+    const vec4 *pixel = &p->irradiance[4 * WIDTH + 3];
+    assert_close((double)pixel->x, expected, 1e-6 * expected); /* 700 times 2^31 units */
+    assert_true(isfinite(pixel->y) && pixel->y > 1e12f);
+    assert_true(pixel->z == 0);
+    assert_int_equal(p->counters.count[COUNT_GUARD_OVERFLOW], PHOTONS);
+    free(p);
+}
+
+/* Ellipses with centres and sizes beyond all bounds draw nothing or something, and end. */
+static void far_photons_end(void **state)
+{
+    (void)state;
+    random_state = 51;
+    struct picture *p = picture_of(FEATURE_CHROMATIC, AA_FILTER, DEPTH_PLANE);
+    for (uint32_t i = 0; i < PHOTONS; i++) {
+        float far = (float)exp(between(3, 13.8));
+        p->photons[i].center.x = i & 1 ? far : -far;
+        p->photons[i].center.y = i & 2 ? far : i & 4 ? -far : 10;
+    }
+    draw(p);
+    compare("far centres", p);
+    free(p);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(splats_follow_the_model), cmocka_unit_test(edges_stop_light),
+        cmocka_unit_test(order_changes_no_bit),    cmocka_unit_test(overflow_is_counted),
+        cmocka_unit_test(far_photons_end),
+    };
+    return cmocka_run_group_tests(tests, set_up, tear_down);
+}
