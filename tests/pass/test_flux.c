@@ -125,6 +125,52 @@ static void every_builtin_scene_keeps_its_light(void **state)
     assert_int_equal(failures, 0);
 }
 
+/* ---- the picture --------------------------------------------------------------------------------------- */
+
+/* The caustics channel of a scene whose only receiver is a floor at y = 0, integrated here: radiance times pi
+ * over the floor's albedo times the area of floor in a pixel, which follows from the camera alone. */
+static void check_picture(const char *scene, const char *settings)
+{
+    struct truth stage;
+    stage_open(&stage, scene, WIDTH, HEIGHT, settings);
+    const struct scene_material *floor = NULL;
+    for (uint32_t i = 0; i < stage.scene->instance_count; i++) {
+        const struct scene_mesh *mesh = &stage.scene->meshes[stage.scene->instances[i].mesh];
+        if (stage.scene->materials[mesh->material].kind == MATERIAL_DIFFUSE) {
+            assert_null(floor);
+            floor = &stage.scene->materials[mesh->material];
+            assert_close((double)mesh->bounds_min[1], 0, 0);
+            assert_close((double)mesh->bounds_max[1], 0, 0);
+        }
+    }
+    assert_non_null(floor);
+    const struct frame_result *result = truth_render(&stage, FRAMES, 1u << CHANNEL_CAUSTICS);
+    const float *radiance = truth_channel(result, CHANNEL_CAUSTICS);
+    stage.camera = result->camera;
+    double flux = 0;
+    for (uint32_t y = 0; y < HEIGHT; y++)
+        for (uint32_t x = 0; x < WIDTH; x++)
+            for (uint32_t k = 0; k < 3; k++)
+                flux += (double)radiance[3 * (y * WIDTH + x) + k] * 3.14159265358979323846 /
+                        (double)floor->base_color[k] * truth_pixel_area(&stage, x + 0.5, y + 0.5);
+    double error = flux / result->stats[STAT_flux_splatted] - 1;
+    print_message("%-9s %s: the picture holds %+.3f %% more than was deposited in view\n", scene, settings,
+                  100 * error);
+    expect(fabs(error), 5e-3, scene, settings);
+    truth_close(&stage);
+}
+
+static void pictures_hold_the_light(void **state)
+{
+    (void)state;
+    failures = 0;
+    check_picture("sphere", "aa=filter");
+    check_picture("sphere", "aa=pixel");
+    check_picture("ring", "aa=filter");
+    check_picture("ring", "aa=pixel");
+    assert_int_equal(failures, 0);
+}
+
 /* ---- density ------------------------------------------------------------------------------------------- */
 
 enum { SAMPLES = 8 };
@@ -182,7 +228,8 @@ static void flux_does_not_depend_on_the_density(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(every_builtin_scene_keeps_its_light),
+    const struct CMUnitTest tests[] = {cmocka_unit_test(pictures_hold_the_light),
+                                       cmocka_unit_test(every_builtin_scene_keeps_its_light),
                                        cmocka_unit_test(flux_does_not_depend_on_the_density)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
