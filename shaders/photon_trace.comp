@@ -75,9 +75,11 @@ void main()
     uint counts = 0u; // hits in the low half, splits in the high half
     uint culled_energy = 0u;
 
+    // Every lane calls the tracer, those without a ray with no distance to go: see trace.glsl.
+    uint slot = in_flight ? queue[index] : 0u;
+    photon_ray ray = rays[slot];
+    trace_hit hit = trace_closest_all(ray.origin.xyz, ray.direction.xyz, in_flight ? 3.0e38 : 0.0);
     if (in_flight) {
-        uint slot = queue[index];
-        photon_ray ray = rays[slot];
         uint stride = counters.stride[parity];
         uint bounces = ray.state & 0xffu;
         uint splits = (ray.state >> 8) & 0xfu;
@@ -86,7 +88,6 @@ void main()
         vec3 flux = ray.flux.xyz;
         differential x = ray_differential(ray);
 
-        trace_hit hit = trace_closest(ray.origin.xyz, direction, 3.0e38);
         if (hit.instance == TRACE_MISS) {
             finish(FATE_ESCAPED, flux);
         } else {
