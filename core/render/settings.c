@@ -148,5 +148,5 @@ void settings_print(enum setting_id id, double value, char *text, size_t size)
     else if (info->type == SETTING_BOOL)
         snprintf(text, size, "%s", value != 0 ? "on" : "off");
     else
-        snprintf(text, size, "%.9g", value);
+        snprintf(text, size, "%.*g", info->type == SETTING_FLOAT ? 9 : 10, value); /* digits of any float, any int32 */
 }
