@@ -1,0 +1,239 @@
+/* test_pass_feedback.c: what photons report to their cells, against a serial loop in double precision. */
+#include <string.h>
+
+#include "tests/support/check.h"
+#include "tests/support/pass_device.h"
+
+enum { WIDTH = 40, HEIGHT = 24, PIXELS = WIDTH * HEIGHT, PHOTONS = 3000, CELLS = 64 };
+
+static struct pass_device *device;
+static uint64_t random_state;
+
+static int set_up(void **state)
+{
+    (void)state;
+    device = pass_device_create();
+    return 0;
+}
+
+static int tear_down(void **state)
+{
+    (void)state;
+    pass_device_destroy(&device);
+    return 0;
+}
+
+static double between(double low, double high)
+{
+    return low + (high - low) * pass_random(&random_state);
+}
+
+struct report {
+    struct frame_gpu frame;
+    uint32_t features;
+    struct counters_gpu counters;
+    struct photon photons[PHOTONS];
+    vec4 now[PIXELS], before[PIXELS];
+    struct feedback_gpu feedback[CELLS];
+};
+
+static struct report *report_of(void)
+{
+    struct report *r = calloc(1, sizeof *r);
+    assert_non_null(r);
+    r->features = FEATURE_VARIANCE;
+    r->counters.photon_count = PHOTONS - 100; /* what lies behind is none of this frame's */
+    r->frame.width = WIDTH;
+    r->frame.height = HEIGHT;
+    r->frame.flags = FLAG_HAS_PREVIOUS;
+    /* last frame's camera stood elsewhere and looked down -z through 30 px per unit of tangent */
+    r->frame.eye = (vec4){1, 2, 3, 0};
+    r->frame.old_eye = (vec4){1.1f, 1.9f, 3.05f, 0};
+    r->frame.old_forward = (vec4){0, 0, -1, 0};
+    r->frame.old_right = (vec4){1, 0, 0, 0};
+    r->frame.old_up = (vec4){0, 1, 0, 0};
+    r->frame.old_scale = (vec4){30, -30, 0.5f * WIDTH, 0.5f * HEIGHT};
+    for (uint32_t i = 0; i < PIXELS; i++) {
+        r->now[i] = (vec4){(float)between(0, 9), (float)between(0, 9), (float)between(0, 9), 0};
+        r->before[i] = (vec4){(float)between(0, 9), (float)between(0, 9), (float)between(0, 9), 0};
+        if (i % 5 == 0)
+            r->now[i] = r->before[i] = (vec4){0, 0, 0, 0};
+    }
+    for (uint32_t i = 0; i < PHOTONS; i++) {
+        struct photon *p = &r->photons[i];
+        double z = between(-5, 0.5);
+        p->position = (vec4){(float)(between(-0.9, 0.9) * z), (float)(between(-0.6, 0.6) * z), (float)z, 0};
+        p->center = (vec4){(float)between(-4, WIDTH + 4), (float)between(-4, HEIGHT + 4), 0, 0};
+        p->area = i % 9 ? (float)exp(between(-6, 8)) : 0;
+        p->root = (float)exp(between(-4, 4));
+        p->share = (float)between(0, 0.3);
+        p->cell = i % 13 ? (uint32_t)between(0, CELLS) | (i % 3 ? 0 : CELL_WEAK) : NONE;
+    }
+    return r;
+}
+
+static void run(struct report *r)
+{
+    memset(r->feedback, 0, sizeof r->feedback);
+    pass_device_run(
+        device,
+        &(struct pass_run){.shader = "feedback.comp",
+                           .features = r->features,
+                           .threads = PHOTONS,
+                           PASS_LISTS({BINDING_FRAME, GPU_READ, &r->frame, sizeof r->frame},
+                                      {BINDING_PASS, GPU_READ_WRITE, &r->counters, sizeof r->counters},
+                                      {BINDING_PASS + 1, GPU_READ, r->photons, sizeof r->photons},
+                                      {BINDING_PASS + 2, GPU_READ_WRITE, r->feedback, sizeof r->feedback},
+                                      {BINDING_PASS + 3, GPU_READ, r->now, sizeof r->now},
+                                      {BINDING_PASS + 4, GPU_READ, r->before, sizeof r->before})});
+}
+
+static double luminance(vec4 c)
+{
+    return 0.2126 * (double)c.x + 0.7152 * (double)c.y + 0.0722 * (double)c.z; /* ITU-R BT.709 */
+}
+
+/* Relative change between the photon's pixel and the one its point had in the last frame; 0 where there is
+ * none. */
+static double change_of(const struct report *r, const struct photon *p, bool *is_border)
+{
+    double x = (double)p->position.x + (double)r->frame.eye.x - (double)r->frame.old_eye.x;
+    double y = (double)p->position.y + (double)r->frame.eye.y - (double)r->frame.old_eye.y;
+    double z = -((double)p->position.z + (double)r->frame.eye.z - (double)r->frame.old_eye.z);
+    double at_x = (double)p->center.x, at_y = (double)p->center.y;
+    if (z <= 0 || at_x < 0 || at_y < 0 || at_x >= WIDTH || at_y >= HEIGHT)
+        return 0;
+    double old_x = 0.5 * WIDTH + 30 * x / z, old_y = 0.5 * HEIGHT - 30 * y / z;
+    *is_border = fmin(fabs(old_x - round(old_x)), fabs(old_y - round(old_y))) < 1e-4;
+    if (old_x < 0 || old_y < 0 || old_x >= WIDTH || old_y >= HEIGHT)
+        return 0;
+    double a = luminance(r->now[(int)at_y * WIDTH + (int)at_x]),
+           b = luminance(r->before[(int)old_y * WIDTH + (int)old_x]);
+    return a + b > 0 ? fabs(a - b) / (a + b) : 0;
+}
+
+static void cells_get_the_sums(void **state)
+{
+    (void)state;
+    random_state = 4;
+    struct report *r = report_of();
+    run(r);
+    double area[CELLS] = {0}, root[CELLS] = {0}, weak[CELLS] = {0}, change[CELLS] = {0}, doubt[CELLS] = {0};
+    uint32_t counts[CELLS] = {0}, changed = 0;
+    for (uint32_t i = 0; i < r->counters.photon_count; i++) {
+        const struct photon *p = &r->photons[i];
+        if (p->cell == NONE || !(p->area > 0))
+            continue;
+        uint32_t cell = p->cell & ~CELL_WEAK;
+        bool is_border = false;
+        double moved = (double)p->share * change_of(r, p, &is_border);
+        changed += moved > 0;
+        counts[cell]++;
+        area[cell] += (double)p->area;
+        root[cell] += (double)p->root;
+        weak[cell] += p->cell & CELL_WEAK ? (double)p->root : 0;
+        change[cell] += moved;
+        doubt[cell] += is_border ? (double)p->share : 0;
+    }
+    double worst = 0;
+    for (uint32_t i = 0; i < CELLS; i++) {
+        const struct feedback_gpu *f = &r->feedback[i];
+        assert_true(counts[i] > 10);
+        /* half a unit of rounding a photon */
+        assert_close(pass_fixed(f->area_low, f->area_high) / 65536, area[i],
+                     counts[i] * 0x1p-17 + 1e-9 * area[i]);
+        assert_close(pass_fixed(f->root_low, f->root_high) / 1048576, root[i],
+                     counts[i] * 0x1p-21 + 1e-9 * root[i]);
+        assert_close(pass_fixed(f->weak_low, f->weak_high) / 1048576, weak[i],
+                     counts[i] * 0x1p-21 + 1e-9 * weak[i]);
+        double found = pass_fixed(f->change_low, f->change_high) / 16777216;
+        worst = fmax(worst, fabs(found - change[i]));
+        assert_close(found, change[i], 1e-5 + doubt[i]);
+    }
+    print_message("%u photons saw a change; changes agree within %.1e\n", changed, worst);
+    assert_true(changed > 300);
+    free(r);
+}
+
+static void nothing_changes_without_a_previous_frame(void **state)
+{
+    (void)state;
+    for (int way = 0; way < 3; way++) {
+        random_state = 4;
+        struct report *r = report_of();
+        if (way == 0)
+            r->frame.flags = 0;
+        else if (way == 1)
+            r->features = 0;
+        else /* a still picture from a still camera, every photon at its own pixel */
+            for (uint32_t i = 0; i < PHOTONS; i++) {
+                struct photon *p = &r->photons[i];
+                r->frame.old_eye = r->frame.eye;
+                p->center.x = (float)(0.5 * WIDTH - 30 * (double)p->position.x / (double)p->position.z);
+                p->center.y = (float)(0.5 * HEIGHT + 30 * (double)p->position.y / (double)p->position.z);
+                double x = (double)p->center.x, y = (double)p->center.y;
+                if (fmin(fabs(x - round(x)), fabs(y - round(y))) < 1e-3)
+                    p->cell = NONE; /* rounding decides which pixel it is */
+            }
+        if (way == 2)
+            memcpy(r->before, r->now, sizeof r->now);
+        run(r);
+        for (uint32_t i = 0; i < CELLS; i++) {
+            assert_true(r->feedback[i].change_low == 0 && r->feedback[i].change_high == 0);
+            assert_true(r->feedback[i].area_low != 0 && r->feedback[i].root_low != 0);
+        }
+        free(r);
+    }
+}
+
+static void order_changes_no_bit(void **state)
+{
+    (void)state;
+    random_state = 9;
+    struct report *r = report_of();
+    r->counters.photon_count = PHOTONS;
+    struct feedback_gpu first[CELLS];
+    run(r);
+    memcpy(first, r->feedback, sizeof first);
+    for (uint32_t i = PHOTONS - 1; i > 0; i--) {
+        uint32_t other = (uint32_t)between(0, i + 1);
+        struct photon swap = r->photons[i];
+        r->photons[i] = r->photons[other];
+        r->photons[other] = swap;
+    }
+    run(r);
+    assert_memory_equal(first, r->feedback, sizeof first);
+    free(r);
+}
+
+/* The largest areas a photon may have carry into the high words. */
+static void sums_pass_32_bits(void **state)
+{
+    (void)state;
+    random_state = 10;
+    struct report *r = report_of();
+    r->features = 0;
+    for (uint32_t i = 0; i < PHOTONS; i++) {
+        r->photons[i].cell = 7;
+        r->photons[i].area = 1e9f;
+        r->photons[i].root = 1e6f;
+    }
+    run(r);
+    double count = r->counters.photon_count;
+    assert_close(pass_fixed(r->feedback[7].area_low, r->feedback[7].area_high) / 65536, count * 1e9,
+                 1e-6 * count * 1e9);
+    assert_close(pass_fixed(r->feedback[7].root_low, r->feedback[7].root_high) / 1048576, count * 1e6,
+                 1e-6 * count * 1e6);
+    free(r);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(cells_get_the_sums),
+        cmocka_unit_test(nothing_changes_without_a_previous_frame),
+        cmocka_unit_test(order_changes_no_bit),
+        cmocka_unit_test(sums_pass_32_bits),
+    };
+    return cmocka_run_group_tests(tests, set_up, tear_down);
+}
