@@ -19,9 +19,8 @@ layout(std430, binding = BINDING_PASS + 7) writeonly buffer photon_buffer { phot
 layout(std430, binding = BINDING_PASS + 8) readonly buffer tree_buffer { uint tree[]; };
 layout(push_constant) uniform push_block { uint parity; };
 
-// Areas the sqrt rule tells apart, px^2; tuned on `sphere` at 60 k photons (error of 3x3 means 0.0137 without, 0.0118
-// with a fifth fewer rays).
-const float ROOT_AREA_MIN = 0.5, ROOT_AREA_MAX = 16.0;
+// Areas the sqrt rule tells apart, px^2: below a pixel's half more photons only calm the pixel's sum.
+const float ROOT_AREA_MIN = 0.5, ROOT_AREA_MAX = 1000.0;
 const float AREA_MAX = 1e9; // px^2: feedback of a singular footprint stays finite
 
 shared uint group_outcomes[GROUP_SIZE];
@@ -167,7 +166,6 @@ photon make_photon(photon_ray ray)
     p.cell = ray.cell | ((ray.state & STATE_WEAK) != 0u ? CELL_WEAK : 0u);
     // Photons at a rim count as well: a coarse one just out of sight spills more light into view than it should.
     p.area = min(area, AREA_MAX);
-    // Below a pixel more photons still calm the pixel's sum; far above, what is spread so wide is smooth anyway.
     p.root = sqrt(clamp(p.area, ROOT_AREA_MIN, ROOT_AREA_MAX) * total / frame.cell_flux);
     p.ellipse = vec4(u00, u01, u11, extent.y);
     p.center = vec4(center, w);
