@@ -69,8 +69,8 @@ void density_record(struct view *view, struct gpu_frame *frame)
     } else {
         gpu_record_fill(frame, view->buffers[BUFFER_THINNING], 0, cells * sizeof(uint32_t), 1);
         if (view->has_density)
-            gpu_record_copy(frame, view->buffers[density_now(view)], 0, view->buffers[density_before(view)], 0,
-                            cells * sizeof(float));
+            gpu_record_copy(frame, view->buffers[density_now(view)], 0, view->buffers[density_before(view)],
+                            0, cells * sizeof(float));
     }
     if (view->mask_is_stale) {
         gpu_record_upload(frame, view->buffers[BUFFER_BOXES], 0, renderer->caster_boxes,

@@ -25,7 +25,8 @@ static uint32_t material_features(const struct scene_material *material, bool *g
     if (material->kind == MATERIAL_MIRROR)
         bits |= FEATURE_MIRROR;
     if (material->kind == MATERIAL_DIELECTRIC && material->attenuation_distance > 0 &&
-        (material->attenuation_color[0] < 1 || material->attenuation_color[1] < 1 || material->attenuation_color[2] < 1)) {
+        (material->attenuation_color[0] < 1 || material->attenuation_color[1] < 1 ||
+         material->attenuation_color[2] < 1)) {
         bits |= FEATURE_ABSORPTION;
         *grey = *grey && is_grey(material->attenuation_color);
     }
@@ -90,13 +91,15 @@ void features_find(const struct view *view, uint32_t channel_mask, struct featur
     if (channel_mask & ((1u << CHANNEL_BEAUTY) | (1u << CHANNEL_NORMAL) | (1u << CHANNEL_ALBEDO)))
         features->bits |= FEATURE_CHAINS;
 
-    features->black_reason = scene->instance_count == 0    ? "the scene has no geometry"
-                             : scene->light_count == 0     ? "the scene has no light"
-                             : !any_power                  ? "every light is black"
-                             : features->caster_count == 0 ? "no material refracts or mirrors: there is no caster"
-                             : features->receiver_count == 0 ? "no surface receives light: there is no diffuse material"
-                                                             : NULL;
-    uint32_t other = (1u << CHANNEL_BEAUTY) | (1u << CHANNEL_DEPTH) | (1u << CHANNEL_NORMAL) | (1u << CHANNEL_ALBEDO);
+    features->black_reason =
+        scene->instance_count == 0      ? "the scene has no geometry"
+        : scene->light_count == 0       ? "the scene has no light"
+        : !any_power                    ? "every light is black"
+        : features->caster_count == 0   ? "no material refracts or mirrors: there is no caster"
+        : features->receiver_count == 0 ? "no surface receives light: there is no diffuse material"
+                                        : NULL;
+    uint32_t other =
+        (1u << CHANNEL_BEAUTY) | (1u << CHANNEL_DEPTH) | (1u << CHANNEL_NORMAL) | (1u << CHANNEL_ALBEDO);
     features->needs_caustics = channel_mask == 0 || (channel_mask & ~(other & ~(1u << CHANNEL_BEAUTY))) != 0;
     if (features->black_reason)
         features->needs_caustics = false;

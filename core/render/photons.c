@@ -64,21 +64,20 @@ void photons_record(struct view *view, struct gpu_frame *frame)
                                               .groups = {1, 1},
                                               USES({BINDING_PASS, GPU_READ_WRITE, BUFFER_COUNTERS},
                                                    {BINDING_PASS + 1, GPU_READ_WRITE, BUFFER_GROUPS})});
-        view_dispatch(view, frame,
-                      &(struct view_dispatch){.shader = "photon_compact.comp",
-                                              .has_push = true,
-                                              .push = parity,
-                                              .indirect = BUFFER_COUNTERS,
-                                              .indirect_offset = groups,
-                                              USES({BINDING_PASS, GPU_READ_WRITE, BUFFER_COUNTERS},
-                                                   {BINDING_PASS + 1, GPU_READ, BUFFER_TARGETS},
-                                                   {BINDING_PASS + 2, GPU_READ, rays},
-                                                   {BINDING_PASS + 3, GPU_READ, queue},
-                                                   {BINDING_PASS + 4, GPU_READ, BUFFER_OUTCOMES},
-                                                   {BINDING_PASS + 5, GPU_READ, BUFFER_GROUPS},
-                                                   {BINDING_PASS + 6, GPU_WRITE, next_queue},
-                                                   {BINDING_PASS + 7, GPU_WRITE, BUFFER_PHOTONS},
-                                                   {BINDING_PASS + 8, GPU_READ, BUFFER_TREE})});
+        view_dispatch(
+            view, frame,
+            &(struct view_dispatch){
+                .shader = "photon_compact.comp",
+                .has_push = true,
+                .push = parity,
+                .indirect = BUFFER_COUNTERS,
+                .indirect_offset = groups,
+                USES({BINDING_PASS, GPU_READ_WRITE, BUFFER_COUNTERS},
+                     {BINDING_PASS + 1, GPU_READ, BUFFER_TARGETS}, {BINDING_PASS + 2, GPU_READ, rays},
+                     {BINDING_PASS + 3, GPU_READ, queue}, {BINDING_PASS + 4, GPU_READ, BUFFER_OUTCOMES},
+                     {BINDING_PASS + 5, GPU_READ, BUFFER_GROUPS}, {BINDING_PASS + 6, GPU_WRITE, next_queue},
+                     {BINDING_PASS + 7, GPU_WRITE, BUFFER_PHOTONS},
+                     {BINDING_PASS + 8, GPU_READ, BUFFER_TREE})});
         gpu_pass_end(frame);
     }
 }

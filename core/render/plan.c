@@ -1,4 +1,5 @@
-/* plan.c: from features to what a frame consists of, with the reason for everything left out. Source: design 11. */
+/* plan.c: from features to what a frame consists of, with the reason for everything left out. Source:
+ * design 11. */
 #include <string.h>
 
 #include "view_state.h"
@@ -9,13 +10,15 @@ static void line(struct plan *plan, const char *name, bool is_used, const char *
         plan->lines[plan->line_count++] = (struct plan_line){name, is_used, is_used ? used : unused};
 }
 
-void plan_make(const struct view *view, const struct features *features, uint32_t channel_mask, struct plan *plan)
+void plan_make(const struct view *view, const struct features *features, uint32_t channel_mask,
+               struct plan *plan)
 {
     const struct settings *settings = &view->settings;
     uint32_t bits = features->bits;
     memset(plan, 0, sizeof *plan);
     uint32_t images = channel_mask & ((1u << CHANNEL_DENSITY) - 1);
-    uint32_t geometry = (1u << CHANNEL_BEAUTY) | (1u << CHANNEL_DEPTH) | (1u << CHANNEL_NORMAL) | (1u << CHANNEL_ALBEDO);
+    uint32_t geometry =
+        (1u << CHANNEL_BEAUTY) | (1u << CHANNEL_DEPTH) | (1u << CHANNEL_NORMAL) | (1u << CHANNEL_ALBEDO);
     bool has_geometry = view->renderer->scene->instance_count > 0;
     plan->has_photons = features->needs_caustics;
     plan->has_gbuffer = has_geometry && (plan->has_photons || (images & geometry) != 0);
@@ -23,14 +26,16 @@ void plan_make(const struct view *view, const struct features *features, uint32_
     plan->has_feedback = plan->has_photons && settings->density != DENSITY_UNIFORM;
     plan->has_variance = plan->has_feedback && (bits & FEATURE_VARIANCE) != 0;
 
-    const char *no_photons = features->black_reason ? features->black_reason : "no requested channel shows caustics";
+    const char *no_photons =
+        features->black_reason ? features->black_reason : "no requested channel shows caustics";
     line(plan, "gbuffer", plan->has_gbuffer, "photons or channels need the surface of every pixel",
          has_geometry ? no_photons : "the scene has no geometry");
     line(plan, "direct light", plan->has_gbuffer && (bits & FEATURE_BEAUTY), "beauty is requested",
          "beauty is not requested");
     line(plan, "camera chains", plan->has_gbuffer && (bits & FEATURE_CHAINS) && features->caster_count > 0,
          "beauty, normal and albedo look through glass and mirrors",
-         features->caster_count == 0 ? "nothing refracts or mirrors" : "neither beauty, normal nor albedo is requested");
+         features->caster_count == 0 ? "nothing refracts or mirrors"
+                                     : "neither beauty, normal nor albedo is requested");
     line(plan, "density", plan->has_photons, "photons are emitted by the task buffers", no_photons);
     line(plan, "photons", plan->has_photons, "the scene has lights, casters and receivers", no_photons);
     line(plan, "splat", plan->has_photons, "photons are drawn into the view", no_photons);
@@ -42,11 +47,13 @@ void plan_make(const struct view *view, const struct features *features, uint32_
                               : "density=uniform does not adapt");
     line(plan, "three channels", plan->has_photons && (bits & FEATURE_CHROMATIC), "photons differ in colour",
          plan->has_photons ? "all photons have one tint: one channel is accumulated" : no_photons);
-    line(plan, "refraction", (bits & FEATURE_DIELECTRIC) != 0, "there is solid glass", "there is no solid glass");
+    line(plan, "refraction", (bits & FEATURE_DIELECTRIC) != 0, "there is solid glass",
+         "there is no solid glass");
     line(plan, "thin walls", (bits & FEATURE_THIN) != 0, "there are thin walls", "there are no thin walls");
     line(plan, "mirrors", (bits & FEATURE_MIRROR) != 0, "there are mirrors", "there are no mirrors");
     line(plan, "absorption", (bits & FEATURE_ABSORPTION) != 0, "some glass is coloured", "no glass absorbs");
-    line(plan, "textures", (bits & FEATURE_TEXTURE) != 0, "some material has an image", "no material has an image");
+    line(plan, "textures", (bits & FEATURE_TEXTURE) != 0, "some material has an image",
+         "no material has an image");
     line(plan, "emission", (bits & FEATURE_EMISSION) != 0, "something glows and beauty is requested",
          "nothing glows, or beauty is not requested");
     line(plan, "directional light", (bits & FEATURE_DIRECTIONAL) != 0, "there is one", "there is none");

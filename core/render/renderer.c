@@ -57,8 +57,9 @@ static bool check_device_size(const struct renderer *r, const char *what, size_t
     uint64_t most = gpu_info(r->gpu)->max_storage_bytes;
     if (bytes <= most)
         return true;
-    return error_set(error, STATUS_LIMIT, "%s of scene '%s' need %zu MiB; this device takes %llu MiB in one buffer",
-                     what, r->scene->name, bytes >> 20, (unsigned long long)(most >> 20));
+    return error_set(error, STATUS_LIMIT,
+                     "%s of scene '%s' need %zu MiB; this device takes %llu MiB in one buffer", what,
+                     r->scene->name, bytes >> 20, (unsigned long long)(most >> 20));
 }
 
 static bool upload_vertices(struct renderer *r, struct error *error)
@@ -162,7 +163,8 @@ static bool is_caster_mesh(const struct scene *scene, uint32_t mesh)
     return scene->materials[scene->meshes[mesh].material].kind != MATERIAL_DIFFUSE;
 }
 
-/* Trees of all meshes for the bvh tracer; of casters only, for their bounds, when the device traces itself. */
+/* Trees of all meshes for the bvh tracer; of casters only, for their bounds, when the device traces itself.
+ */
 static bool build_trees(struct renderer *r, struct error *error)
 {
     const struct scene *scene = r->scene;
@@ -226,7 +228,8 @@ static bool upload_trees(struct renderer *r, struct error *error)
             r->triangles =
                 gpu_buffer_create_filled(r->gpu, "bvh triangles", triangles, triangle_bytes, false, error);
     } else
-        error_set(error, STATUS_MEMORY, "out of memory for %zu MiB of bvh", (node_bytes + triangle_bytes) >> 20);
+        error_set(error, STATUS_MEMORY, "out of memory for %zu MiB of bvh",
+                  (node_bytes + triangle_bytes) >> 20);
     free(nodes);
     free(triangles);
     return r->triangles != NULL;
@@ -255,7 +258,8 @@ static bool build_accels(struct renderer *r, struct error *error)
         if (!r->bottoms[m])
             return false;
     }
-    r->top = gpu_accel_create_top(r->gpu, "scene", scene->instance_count > 0 ? scene->instance_count : 1, error);
+    r->top =
+        gpu_accel_create_top(r->gpu, "scene", scene->instance_count > 0 ? scene->instance_count : 1, error);
     return r->top != NULL;
 }
 
@@ -263,8 +267,9 @@ struct renderer *renderer_create(const struct renderer_params *params, struct er
 {
     const struct gpu_info *info = gpu_info(params->gpu);
     if (params->tracer == TRACER_KHR && !info->has_ray_query) {
-        error_set(error, STATUS_UNSUPPORTED, "tracer khr needs VK_KHR_ray_query, which device '%s' (%s) lacks; use bvh",
-                  info->name, info->driver);
+        error_set(error, STATUS_UNSUPPORTED,
+                  "tracer khr needs VK_KHR_ray_query, which device '%s' (%s) lacks; use bvh", info->name,
+                  info->driver);
         return NULL;
     }
     struct renderer *r = calloc(1, sizeof *r);
@@ -274,17 +279,17 @@ struct renderer *renderer_create(const struct renderer_params *params, struct er
     }
     r->gpu = params->gpu;
     r->scene = params->scene;
-    r->tracer = params->tracer != TRACER_AUTO         ? params->tracer
+    r->tracer = params->tracer != TRACER_AUTO    ? params->tracer
                 : info->has_hardware_ray_tracing ? TRACER_KHR
-                                                      : TRACER_BVH;
+                                                 : TRACER_BVH;
     uint64_t most = info->max_storage_bytes;
-    uint64_t pixels = most / sizeof(struct surface_gpu), photons = most / (STORED_PER_PHOTON * sizeof(struct photon));
+    uint64_t pixels = most / sizeof(struct surface_gpu),
+             photons = most / (STORED_PER_PHOTON * sizeof(struct photon));
     r->limits.max_pixels = (uint32_t)(pixels < VIEW_MAX_PIXELS ? pixels : VIEW_MAX_PIXELS);
     uint64_t rays = most / (RAYS_PER_PHOTON * sizeof(struct photon_ray));
     photons = photons < rays ? photons : rays;
     photons = photons / 4096 * 4096;
-    r->limits.max_photons =
-        (uint32_t)fmin((double)photons, setting_infos[SETTING_photons].maximum);
+    r->limits.max_photons = (uint32_t)fmin((double)photons, setting_infos[SETTING_photons].maximum);
     const struct scene *scene = r->scene;
     r->top_node_capacity = 2 * scene->instance_count + 2;
     r->instance_data = calloc(scene->instance_count + 1, sizeof *r->instance_data);
@@ -417,7 +422,8 @@ bool renderer_upload_pose(struct renderer *r, struct gpu_frame *frame, struct er
             return error_set(error, STATUS_MEMORY, "out of memory for %u instances", count);
         for (uint32_t i = 0; i < count; i++) {
             instances[i].bottom = r->bottoms[scene->instances[i].mesh];
-            memcpy(instances[i].object_to_world, r->pose->instance_to_world[i], sizeof instances[i].object_to_world);
+            memcpy(instances[i].object_to_world, r->pose->instance_to_world[i],
+                   sizeof instances[i].object_to_world);
             instances[i].custom_index = i;
         }
         gpu_record_accel_build(frame, r->top, instances, count);
@@ -429,7 +435,8 @@ bool renderer_upload_pose(struct renderer *r, struct gpu_frame *frame, struct er
         return error_set(error, STATUS_MEMORY, "out of memory for %u instances", count);
     for (uint32_t i = 0; i < count; i++) {
         const struct scene_mesh *mesh = &scene->meshes[scene->instances[i].mesh];
-        transform_box(r->pose->instance_to_world[i], mesh->bounds_min, mesh->bounds_max, boxes[i], boxes[i] + 3);
+        transform_box(r->pose->instance_to_world[i], mesh->bounds_min, mesh->bounds_max, boxes[i],
+                      boxes[i] + 3);
     }
     struct bvh *top = bvh_create_boxes((const float(*)[6])boxes, count, error);
     free(boxes);

@@ -17,9 +17,9 @@
 #include "settings.h"
 #include "stats.h"
 
-#define VIEW_MAX_SIZE   8192u           /* pixels along a side */
-#define VIEW_MAX_PIXELS (4096u * 2304u) /* also limited by the device; renderer_limits tells */
-#define VIEW_MAX_PASSES 32u
+#define VIEW_MAX_SIZE       8192u           /* pixels along a side */
+#define VIEW_MAX_PIXELS     (4096u * 2304u) /* also limited by the device; renderer_limits tells */
+#define VIEW_MAX_PASSES     32u
 #define VIEW_MAX_PLAN_LINES 32u
 
 enum tracer { TRACER_AUTO, TRACER_BVH, TRACER_KHR };
@@ -47,11 +47,11 @@ enum channel {
                            receivers; 0 elsewhere */
     CHANNEL_IRRADIANCE, /* 3: caustic irradiance, W/m^2, likewise */
     CHANNEL_BEAUTY,     /* 3: direct light, emission and caustics, W/(m^2 sr) */
-    CHANNEL_DEPTH,      /* 1: distance along the view axis to the first hit, m; +infinity where there is none */
-    CHANNEL_NORMAL,     /* 3: unit shading normal of the surface the G-buffer settled on; 0 where none */
-    CHANNEL_ALBEDO,     /* 3: its base colour; 0 where none */
-    CHANNEL_DENSITY,    /* 1: task buffer density, one tile per light: cells*columns x cells*rows */
-    CHANNEL_VARIANCE,   /* 1: task buffer variance, likewise; 0 when variance_gain is 0 */
+    CHANNEL_DEPTH,    /* 1: distance along the view axis to the first hit, m; +infinity where there is none */
+    CHANNEL_NORMAL,   /* 3: unit shading normal of the surface the G-buffer settled on; 0 where none */
+    CHANNEL_ALBEDO,   /* 3: its base colour; 0 where none */
+    CHANNEL_DENSITY,  /* 1: task buffer density, one tile per light: cells*columns x cells*rows */
+    CHANNEL_VARIANCE, /* 1: task buffer variance, likewise; 0 when variance_gain is 0 */
     CHANNEL_COUNT
 };
 
@@ -72,16 +72,16 @@ struct view_camera {
 /* What may be changed about a light of the scene, by its index. */
 enum { LIGHT_OVERRIDE_INTENSITY = 1, LIGHT_OVERRIDE_POSITION = 2, LIGHT_OVERRIDE_DIRECTION = 4 };
 struct view_light {
-    uint32_t overrides;  /* bits of LIGHT_OVERRIDE_*; 0 returns the light to the scene's own */
-    float intensity[3];  /* W/sr or W/m^2; finite, >= 0, <= 1e12 */
-    float position[3];   /* finite */
-    float direction[3];  /* finite, not 0; need not be unit */
+    uint32_t overrides; /* bits of LIGHT_OVERRIDE_*; 0 returns the light to the scene's own */
+    float intensity[3]; /* W/sr or W/m^2; finite, >= 0, <= 1e12 */
+    float position[3];  /* finite */
+    float direction[3]; /* finite, not 0; need not be unit */
 };
 
 struct view;
 
-/* A new view has the scene's first camera (or one that sees the whole scene), its lights, default settings and
- * time 0. */
+/* A new view has the scene's first camera (or one that sees the whole scene), its lights, default settings
+ * and time 0. */
 struct view *view_create(struct renderer *renderer, uint32_t width, uint32_t height, struct error *error);
 void view_destroy(struct view **view);
 
@@ -115,7 +115,7 @@ struct plan_line {
 };
 
 struct frame_result {
-    uint64_t frame; /* number of the view's frame, from 0 */
+    uint64_t frame;                               /* number of the view's frame, from 0 */
     struct frame_channel channels[CHANNEL_COUNT]; /* the requested ones, in enum order */
     uint32_t channel_count;
     struct frame_pass passes[VIEW_MAX_PASSES];
@@ -123,16 +123,16 @@ struct frame_result {
     double stats[STAT_COUNT];
     struct plan_line plan[VIEW_MAX_PLAN_LINES];
     uint32_t plan_count;
-    struct view_camera camera; /* as rendered */
-    float world_to_camera[16], camera_to_clip[16]; /* column-major, Vulkan clip space (y down, z 0..1 reversed is
-                                                      not used: near 0, far 1) */
+    struct view_camera camera;                     /* as rendered */
+    float world_to_camera[16], camera_to_clip[16]; /* column-major, Vulkan clip space (y down, z 0..1 reversed
+                                                      is not used: near 0, far 1) */
     double time;
     const char *black_reason; /* NULL, or why there is no caustic light at all */
 };
 
-/* Renders the view's next frame and reads back the channels of `channel_mask` (bits 1 << enum channel; 0: statistics
- * only). What no requested channel needs is not rendered. The result and its arrays belong to the view and are
- * valid until its next call. */
+/* Renders the view's next frame and reads back the channels of `channel_mask` (bits 1 << enum channel; 0:
+ * statistics only). What no requested channel needs is not rendered. The result and its arrays belong to the
+ * view and are valid until its next call. */
 const struct frame_result *view_render(struct view *view, uint32_t channel_mask, struct error *error);
 
 #endif

@@ -15,8 +15,7 @@ const struct setting_info setting_infos[SETTING_COUNT] = {
 
 void settings_default(struct settings *settings)
 {
-#define S(name, type, minimum, maximum, value, choices, help)                                                \
-    settings->name = (SETTING_FIELD_##type)(value);
+#define S(name, type, minimum, maximum, value, choices, help) settings->name = (SETTING_FIELD_##type)(value);
     SETTINGS(S)
 #undef S
 }
@@ -35,7 +34,8 @@ double settings_get(const struct settings *settings, enum setting_id id)
     return 0;
 }
 
-/* Length of choice number `index` in a comma-separated list, 0 when there is none; *begin is where it starts. */
+/* Length of choice number `index` in a comma-separated list, 0 when there is none; *begin is where it starts.
+ */
 static int choice_at(const char *choices, int index, const char **begin)
 {
     const char *at = choices;
@@ -52,16 +52,17 @@ static int choice_at(const char *choices, int index, const char **begin)
 bool settings_set(struct settings *settings, enum setting_id id, double value, struct error *error)
 {
     if ((unsigned)id >= SETTING_COUNT)
-        return error_set(error, STATUS_NOT_FOUND, "setting number %u does not exist; there are %d", (unsigned)id,
-                         (int)SETTING_COUNT);
+        return error_set(error, STATUS_NOT_FOUND, "setting number %u does not exist; there are %d",
+                         (unsigned)id, (int)SETTING_COUNT);
     const struct setting_info *info = &setting_infos[id];
     if (!isfinite(value))
         return error_set(error, STATUS_INVALID, "setting '%s' must be a finite number", info->name);
     if (info->type != SETTING_FLOAT && value != floor(value))
-        return error_set(error, STATUS_INVALID, "setting '%s' must be a whole number, not %g", info->name, value);
+        return error_set(error, STATUS_INVALID, "setting '%s' must be a whole number, not %g", info->name,
+                         value);
     if (value < info->minimum || value > info->maximum)
-        return error_set(error, STATUS_INVALID, "setting '%s' must be from %.10g to %.10g, not %.10g", info->name,
-                         info->minimum, info->maximum, value);
+        return error_set(error, STATUS_INVALID, "setting '%s' must be from %.10g to %.10g, not %.10g",
+                         info->name, info->minimum, info->maximum, value);
     if (id == SETTING_cells && ((int)value & ((int)value - 1)) != 0)
         return error_set(error, STATUS_INVALID, "setting 'cells' must be a power of two, not %g", value);
     switch (id) {
@@ -126,7 +127,8 @@ bool settings_set_text(struct settings *settings, const char *name, const char *
             for (int i = 0; i < 8; i++)
                 if (strcasecmp(text, words[i]) == 0)
                     return settings_set(settings, (enum setting_id)id, i & 1, error);
-            return error_set(error, STATUS_INVALID, "setting '%s' must be on or off, not '%.40s'", name, text);
+            return error_set(error, STATUS_INVALID, "setting '%s' must be on or off, not '%.40s'", name,
+                             text);
         }
         char *end;
         double value = strtod(text, &end);
@@ -148,5 +150,6 @@ void settings_print(enum setting_id id, double value, char *text, size_t size)
     else if (info->type == SETTING_BOOL)
         snprintf(text, size, "%s", value != 0 ? "on" : "off");
     else
-        snprintf(text, size, "%.*g", info->type == SETTING_FLOAT ? 9 : 10, value); /* digits of any float, any int32 */
+        snprintf(text, size, "%.*g", info->type == SETTING_FLOAT ? 9 : 10,
+                 value); /* digits of any float, any int32 */
 }

@@ -1,8 +1,8 @@
 /* settings.h: everything about a view that can be turned, described once.
  *
- * The table SETTINGS is the only place where a setting is named. From it come struct settings, the checks, the
- * description a server sends to its clients, and docs. All are numbers: a bool is 0 or 1, a choice is the index
- * into its list.
+ * The table SETTINGS is the only place where a setting is named. From it come struct settings, the checks,
+ * the description a server sends to its clients, and docs. All are numbers: a bool is 0 or 1, a choice is the
+ * index into its list.
  */
 #ifndef CAUSTIC_SETTINGS_H
 #define CAUSTIC_SETTINGS_H
@@ -21,31 +21,43 @@ enum depth_test { DEPTH_TEST_PLANE, DEPTH_TEST_MARGIN };
 enum tile_fit { TILE_FIT_CASTERS, TILE_FIT_FULL };
 
 /* S(name, type, minimum, maximum, default, choices, help) */
-#define SETTINGS(S)                                                                                               \
-    S(photons, INT, 1, 4194304, 131072, "", "budget: most photons emitted per frame")                             \
-    S(target_area, FLOAT, 1e-3, 1e5, 0.1, "", "wanted mean projected area of a photon, px^2; smaller: more photons") \
-    S(density, CHOICE, 0, 2, DENSITY_SQRT, "sqrt,area,uniform", "how density follows what photons did: sqrt of area times flux, area alone (the papers), or not at all") \
-    S(variance_gain, FLOAT, 0, 1e6, 2, "", "extra photons per cell where the picture changes over time")          \
-    S(temporal_weight, FLOAT, 0, 1, 0.5, "", "w_t: share of the newly suggested density; the rest is the neighbourhood's last") \
-    S(min_samples, INT, 1, 64, 1, "", "photons kept in every cell that can meet a caster")                        \
-    S(cells, INT, 16, 512, 128, "", "cells along a side of a light's tile, a power of two")                       \
-    S(tile, CHOICE, 0, 1, TILE_FIT_CASTERS, "casters,full", "directions a tile covers: the cap that holds the casters, or all the light's emission") \
-    S(caster_mask, BOOL, 0, 1, 1, "", "emit only into cells that can meet a caster")                              \
-    S(split, CHOICE, 0, 2, SPLIT_ENERGY, "energy,once,roulette", "at glass: follow both branches while they carry energy, once (the thesis), or one at random") \
-    S(max_bounces, INT, 1, 64, 12, "", "specular interactions a photon may have")                                 \
-    S(cull_energy, FLOAT, 0, 1, 1e-5, "", "drop photons below this share of their emitted flux")                  \
-    S(cull_solid_angle, FLOAT, 0, 100, 0, "", "drop photons whose unscaled footprint exceeds this solid angle from the light, sr; 0: never") \
-    S(kappa, FLOAT, 0.05, 16, 1.5, "", "footprint scale: covariance of the photon spacing times this")              \
-    S(max_anisotropy, FLOAT, 1, 1e4, 64, "", "most a footprint may be longer than wide")                          \
-    S(max_radius, FLOAT, 1, 4096, 64, "", "longest footprint radius on screen, px; energy is kept")               \
-    S(aa, CHOICE, 0, 2, SPLAT_AA_FILTER, "filter,none,pixel", "splats: pixel-filtered footprint, ellipse at pixel centres, or all energy in one pixel") \
-    S(filter_radius, FLOAT, 0.25, 4, 0.75, "", "support radius of the pixel filter, px")                          \
-    S(depth_test, CHOICE, 0, 1, DEPTH_TEST_PLANE, "plane,margin", "where a splat may land: near its own plane, or within 1 % of the camera distance (the thesis)") \
-    S(camera_bounces, INT, 0, 32, 8, "", "specular interactions between the camera and the surface it sees")      \
-    S(radiance_scaling, BOOL, 0, 1, 1, "", "radiance changes by (n_to/n_from)^2 across an interface seen by the camera") \
-    S(jitter, BOOL, 0, 1, 0, "", "move photons within their strata every frame; off: fixed places, a still scene stays still") \
-    S(seed, INT, 0, 2147483647, 1, "", "of every random choice")                                                  \
-    S(accumulate, INT, 1, 65536, 1, "", "frames averaged into one, with jittered photons and camera rays when above 1")
+#define SETTINGS(S)                                                                                          \
+    S(photons, INT, 1, 4194304, 131072, "", "budget: most photons emitted per frame")                        \
+    S(target_area, FLOAT, 1e-3, 1e5, 0.1, "",                                                                \
+      "wanted mean projected area of a photon, px^2; smaller: more photons")                                 \
+    S(density, CHOICE, 0, 2, DENSITY_SQRT, "sqrt,area,uniform",                                              \
+      "how density follows what photons did: sqrt of area times flux, area alone (the papers), or not at "   \
+      "all")                                                                                                 \
+    S(variance_gain, FLOAT, 0, 1e6, 2, "", "extra photons per cell where the picture changes over time")     \
+    S(temporal_weight, FLOAT, 0, 1, 0.5, "",                                                                 \
+      "w_t: share of the newly suggested density; the rest is the neighbourhood's last")                     \
+    S(min_samples, INT, 1, 64, 1, "", "photons kept in every cell that can meet a caster")                   \
+    S(cells, INT, 16, 512, 128, "", "cells along a side of a light's tile, a power of two")                  \
+    S(tile, CHOICE, 0, 1, TILE_FIT_CASTERS, "casters,full",                                                  \
+      "directions a tile covers: the cap that holds the casters, or all the light's emission")               \
+    S(caster_mask, BOOL, 0, 1, 1, "", "emit only into cells that can meet a caster")                         \
+    S(split, CHOICE, 0, 2, SPLIT_ENERGY, "energy,once,roulette",                                             \
+      "at glass: follow both branches while they carry energy, once (the thesis), or one at random")         \
+    S(max_bounces, INT, 1, 64, 12, "", "specular interactions a photon may have")                            \
+    S(cull_energy, FLOAT, 0, 1, 1e-5, "", "drop photons below this share of their emitted flux")             \
+    S(cull_solid_angle, FLOAT, 0, 100, 0, "",                                                                \
+      "drop photons whose unscaled footprint exceeds this solid angle from the light, sr; 0: never")         \
+    S(kappa, FLOAT, 0.05, 16, 1.5, "", "footprint scale: covariance of the photon spacing times this")       \
+    S(max_anisotropy, FLOAT, 1, 1e4, 64, "", "most a footprint may be longer than wide")                     \
+    S(max_radius, FLOAT, 1, 4096, 64, "", "longest footprint radius on screen, px; energy is kept")          \
+    S(aa, CHOICE, 0, 2, SPLAT_AA_FILTER, "filter,none,pixel",                                                \
+      "splats: pixel-filtered footprint, ellipse at pixel centres, or all energy in one pixel")              \
+    S(filter_radius, FLOAT, 0.25, 4, 0.75, "", "support radius of the pixel filter, px")                     \
+    S(depth_test, CHOICE, 0, 1, DEPTH_TEST_PLANE, "plane,margin",                                            \
+      "where a splat may land: near its own plane, or within 1 % of the camera distance (the thesis)")       \
+    S(camera_bounces, INT, 0, 32, 8, "", "specular interactions between the camera and the surface it sees") \
+    S(radiance_scaling, BOOL, 0, 1, 1, "",                                                                   \
+      "radiance changes by (n_to/n_from)^2 across an interface seen by the camera")                          \
+    S(jitter, BOOL, 0, 1, 0, "",                                                                             \
+      "move photons within their strata every frame; off: fixed places, a still scene stays still")          \
+    S(seed, INT, 0, 2147483647, 1, "", "of every random choice")                                             \
+    S(accumulate, INT, 1, 65536, 1, "",                                                                      \
+      "frames averaged into one, with jittered photons and camera rays when above 1")
 
 #define SETTING_FIELD_BOOL   bool
 #define SETTING_FIELD_INT    int32_t
@@ -77,7 +89,8 @@ void settings_default(struct settings *settings);
 double settings_get(const struct settings *settings, enum setting_id id);
 /* Checks type, range and finiteness; the error names the setting, the value and what is allowed. */
 bool settings_set(struct settings *settings, enum setting_id id, double value, struct error *error);
-/* By name and text: numbers, on/off/true/false, or a choice's name. Unknown names are answered with the nearest. */
+/* By name and text: numbers, on/off/true/false, or a choice's name. Unknown names are answered with the
+ * nearest. */
 bool settings_set_text(struct settings *settings, const char *name, const char *text, struct error *error);
 /* Writes a value as settings_set_text reads it. */
 void settings_print(enum setting_id id, double value, char *text, size_t size);

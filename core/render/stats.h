@@ -10,46 +10,47 @@
 
 /* S(name, unit, help). Fluxes are the sum of the R, G and B channels, over all subframes divided by their
  * number; counts are summed over subframes. */
-#define STATS(S)                                                                                                 \
-    S(photons_emitted, "count", "primary photons sent from the lights")                                          \
-    S(rays_traced, "count", "photon rays traced, all bounces")                                                   \
-    S(rays_hit, "count", "photon rays that hit something")                                                       \
-    S(photons_split, "count", "interactions where both branches were followed")                                  \
-    S(photons_stored, "count", "photons that reached a receiver after a specular interaction")                   \
-    S(photons_splatted, "count", "stored photons drawn into the view")                                           \
-    S(photons_contributing, "count", "drawn photons that reached at least one pixel")                            \
-    S(culled_visibility, "count", "stored photons the view cannot see: outside, behind or hidden")               \
-    S(culled_solid_angle, "count", "photons culled by cull_solid_angle")                                         \
-    S(culled_energy, "count", "photons culled by cull_energy")                                                   \
-    S(flux_emitted, "W", "sent into the cells of the caster mask")                                               \
-    S(flux_splatted, "W", "deposited on receivers the view sees")                                                \
-    S(flux_culled_visibility, "W", "deposited on receivers the view does not see")                               \
-    S(flux_culled_solid_angle, "W", "culled by cull_solid_angle")                                                \
-    S(flux_culled_energy, "W", "culled by cull_energy")                                                          \
-    S(flux_direct, "W", "met a receiver first: direct light, not caustic")                                       \
-    S(flux_absorbed, "W", "absorbed in glass and on metal")                                                      \
-    S(flux_escaped, "W", "left the scene")                                                                       \
-    S(flux_bounce_limit, "W", "lost to max_bounces")                                                             \
-    S(flux_split_once, "W", "branches that split=once and capacity do not follow")                               \
-    S(flux_thinned, "W", "weaker branches left to others on the lattice, less what those carry: sampling error, near 0")  \
-    S(flux_buffer, "W", "integral of the caustics buffer's irradiance over what the view sees")                  \
-    S(kernel_evaluations, "count", "times a splat's kernel was evaluated at a pixel")                            \
-    S(kernel_pixels, "count", "evaluations that fell inside the ellipse")                                        \
-    S(density_total, "count", "sum of the density over all cells before rounding")                               \
-    S(density_largest, "count", "density of the densest cell")                                                   \
-    S(cells_masked, "count", "cells that can meet a caster")                                                     \
-    S(guard_density, "count", "non-finite or out-of-range densities clamped")                                    \
-    S(guard_differential, "count", "photon differentials clamped at a singular configuration")                   \
-    S(guard_footprint, "count", "footprints whose size or anisotropy was limited")                               \
-    S(guard_traversal, "count", "rays ended by the traversal's iteration cap")                                   \
-    S(guard_overflow, "count", "splat contributions clamped to the accumulator's range")                         \
-    S(guard_split, "count", "bounces where capacity turned splitting into roulette")                             \
-    S(subframes, "count", "frames averaged into this one")                                                       \
-    S(plan_ns, "ns", "CPU time spent on features and plan")                                                      \
-    S(upload_ns, "ns", "CPU time spent on pose, tiles and uploads")                                              \
-    S(readback_ns, "ns", "CPU time spent on reading the frame back")                                             \
-    S(frame_ns, "ns", "wall time of the frame in the renderer")                                                  \
-    S(gpu_ns, "ns", "device time of the frame, first to last pass")                                              \
+#define STATS(S)                                                                                             \
+    S(photons_emitted, "count", "primary photons sent from the lights")                                      \
+    S(rays_traced, "count", "photon rays traced, all bounces")                                               \
+    S(rays_hit, "count", "photon rays that hit something")                                                   \
+    S(photons_split, "count", "interactions where both branches were followed")                              \
+    S(photons_stored, "count", "photons that reached a receiver after a specular interaction")               \
+    S(photons_splatted, "count", "stored photons drawn into the view")                                       \
+    S(photons_contributing, "count", "drawn photons that reached at least one pixel")                        \
+    S(culled_visibility, "count", "stored photons the view cannot see: outside, behind or hidden")           \
+    S(culled_solid_angle, "count", "photons culled by cull_solid_angle")                                     \
+    S(culled_energy, "count", "photons culled by cull_energy")                                               \
+    S(flux_emitted, "W", "sent into the cells of the caster mask")                                           \
+    S(flux_splatted, "W", "deposited on receivers the view sees")                                            \
+    S(flux_culled_visibility, "W", "deposited on receivers the view does not see")                           \
+    S(flux_culled_solid_angle, "W", "culled by cull_solid_angle")                                            \
+    S(flux_culled_energy, "W", "culled by cull_energy")                                                      \
+    S(flux_direct, "W", "met a receiver first: direct light, not caustic")                                   \
+    S(flux_absorbed, "W", "absorbed in glass and on metal")                                                  \
+    S(flux_escaped, "W", "left the scene")                                                                   \
+    S(flux_bounce_limit, "W", "lost to max_bounces")                                                         \
+    S(flux_split_once, "W", "branches that split=once and capacity do not follow")                           \
+    S(flux_thinned, "W",                                                                                     \
+      "weaker branches left to others on the lattice, less what those carry: sampling error, near 0")        \
+    S(flux_buffer, "W", "integral of the caustics buffer's irradiance over what the view sees")              \
+    S(kernel_evaluations, "count", "times a splat's kernel was evaluated at a pixel")                        \
+    S(kernel_pixels, "count", "evaluations that fell inside the ellipse")                                    \
+    S(density_total, "count", "sum of the density over all cells before rounding")                           \
+    S(density_largest, "count", "density of the densest cell")                                               \
+    S(cells_masked, "count", "cells that can meet a caster")                                                 \
+    S(guard_density, "count", "non-finite or out-of-range densities clamped")                                \
+    S(guard_differential, "count", "photon differentials clamped at a singular configuration")               \
+    S(guard_footprint, "count", "footprints whose size or anisotropy was limited")                           \
+    S(guard_traversal, "count", "rays ended by the traversal's iteration cap")                               \
+    S(guard_overflow, "count", "splat contributions clamped to the accumulator's range")                     \
+    S(guard_split, "count", "bounces where capacity turned splitting into roulette")                         \
+    S(subframes, "count", "frames averaged into this one")                                                   \
+    S(plan_ns, "ns", "CPU time spent on features and plan")                                                  \
+    S(upload_ns, "ns", "CPU time spent on pose, tiles and uploads")                                          \
+    S(readback_ns, "ns", "CPU time spent on reading the frame back")                                         \
+    S(frame_ns, "ns", "wall time of the frame in the renderer")                                              \
+    S(gpu_ns, "ns", "device time of the frame, first to last pass")                                          \
     S(device_bytes, "bytes", "device memory in use")
 
 enum stat_id {

@@ -1,18 +1,18 @@
 /* tiles.c: fits every light's tile to the casters, as the light sees them.
  *
- * Source: design 4. A tile keeps its place while it still holds the casters and is not much too large, so that
- * task buffers have something to rely on.
+ * Source: design 4. A tile keeps its place while it still holds the casters and is not much too large, so
+ * that task buffers have something to rely on.
  */
 #include <math.h>
 #include <string.h>
 
 #include "view_state.h"
 
-#define CAP_MARGIN     1.02f /* on the half angle: bounding boxes move by rounding */
-#define CAP_TOO_LARGE  1.25f /* half angle against the one needed: then it is worth a new tile */
-#define CAP_WIDEST     1.9f  /* rad: above it a cap's map is stretched, the octahedron serves */
-#define CAP_STEPS      48
-#define PI_F           3.14159265f
+#define CAP_MARGIN    1.02f /* on the half angle: bounding boxes move by rounding */
+#define CAP_TOO_LARGE 1.25f /* half angle against the one needed: then it is worth a new tile */
+#define CAP_WIDEST    1.9f  /* rad: above it a cap's map is stretched, the octahedron serves */
+#define CAP_STEPS     48
+#define PI_F          3.14159265f
 
 static float dot3(const float a[3], const float b[3])
 {
@@ -172,7 +172,8 @@ static void fit_beam(const struct view *view, const struct light_gpu *light, str
     memcpy(fitted.z, direction, sizeof fitted.z);
     frame_about(fitted.z, fitted.x, fitted.y);
     const float *low_end = renderer->scene_min, *high_end = renderer->scene_max;
-    const struct caster_box whole = {{low_end[0], low_end[1], low_end[2], 0}, {high_end[0], high_end[1], high_end[2], 0}};
+    const struct caster_box whole = {{low_end[0], low_end[1], low_end[2], 0},
+                                     {high_end[0], high_end[1], high_end[2], 0}};
     bool is_fitted = view->settings.tile == TILE_FIT_CASTERS;
     uint32_t count = is_fitted ? renderer->caster_box_count : 1;
     float low[2] = {INFINITY, INFINITY}, high[2] = {-INFINITY, -INFINITY}, start = INFINITY, p[3];

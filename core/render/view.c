@@ -18,10 +18,15 @@ static uint64_t now_ns(void)
 /* ---- buffers and dispatches ---------------------------------------------------------------------------- */
 
 static const char *const buffer_names[BUFFER_COUNT] = {
-    "frame",      "lights",     "counters", "caster boxes",     "caster mask", "density",   "density",
-    "quadtree",   "partials",   "feedback", "variance", "thinning", "rays",        "rays",      "queue",
-    "queue",      "outcomes",   "groups",   "photons",          "surfaces",    "targets",   "sums",
-    "irradiance", "irradiance", "output",   "readback",         "counters readback",
+    "frame",        "lights",      "counters",
+    "caster boxes", "caster mask", "density",
+    "density",      "quadtree",    "partials",
+    "feedback",     "variance",    "thinning",
+    "rays",         "rays",        "queue",
+    "queue",        "outcomes",    "groups",
+    "photons",      "surfaces",    "targets",
+    "sums",         "irradiance",  "irradiance",
+    "output",       "readback",    "counters readback",
 };
 
 bool view_buffer(struct view *view, enum view_buffer id, size_t size)
@@ -50,16 +55,14 @@ static struct gpu_pipeline *find_pipeline(struct view *view, const struct view_d
     struct renderer *r = view->renderer;
     struct renderer_pipeline wanted = {0};
     snprintf(wanted.shader, sizeof wanted.shader, "%s%s", dispatch->shader,
-             !dispatch->traces             ? ""
+             !dispatch->traces         ? ""
              : r->tracer == TRACER_KHR ? ".khr"
                                        : ".bvh");
-    const uint32_t ids[6] = {CONSTANT_FEATURES, CONSTANT_SPLIT, CONSTANT_DENSITY, CONSTANT_AA, CONSTANT_DEPTH, 8};
-    const uint32_t values[6] = {view->features.bits,
-                                (uint32_t)view->settings.split,
-                                (uint32_t)view->settings.density,
-                                (uint32_t)view->settings.aa,
-                                (uint32_t)view->settings.depth_test,
-                                dispatch->phase};
+    const uint32_t ids[6] = {CONSTANT_FEATURES, CONSTANT_SPLIT, CONSTANT_DENSITY,
+                             CONSTANT_AA,       CONSTANT_DEPTH, 8};
+    const uint32_t values[6] = {
+        view->features.bits,         (uint32_t)view->settings.split,      (uint32_t)view->settings.density,
+        (uint32_t)view->settings.aa, (uint32_t)view->settings.depth_test, dispatch->phase};
     memcpy(wanted.constants, values, sizeof values);
     for (uint32_t i = 0; i < r->pipeline_count; i++)
         if (strcmp(r->pipelines[i].shader, wanted.shader) == 0 &&
@@ -107,9 +110,10 @@ void view_dispatch(struct view *view, struct gpu_frame *frame, const struct view
     struct gpu_bind binds[32];
     uint32_t count = 0, mask = 0;
     if (dispatch->traces) {
-        binds[count++] = r->tracer == TRACER_KHR
-                             ? (struct gpu_bind){.binding = BINDING_NODES, .access = GPU_READ, .accel = r->top}
-                             : (struct gpu_bind){.binding = BINDING_NODES, .access = GPU_READ, .buffer = r->nodes};
+        binds[count++] =
+            r->tracer == TRACER_KHR
+                ? (struct gpu_bind){.binding = BINDING_NODES, .access = GPU_READ, .accel = r->top}
+                : (struct gpu_bind){.binding = BINDING_NODES, .access = GPU_READ, .buffer = r->nodes};
         if (r->tracer != TRACER_KHR)
             binds[count++] =
                 (struct gpu_bind){.binding = BINDING_TRIANGLES, .access = GPU_READ, .buffer = r->triangles};
@@ -121,8 +125,8 @@ void view_dispatch(struct view *view, struct gpu_frame *frame, const struct view
     if (dispatch->lights)
         binds[count++] = (struct gpu_bind){
             .binding = BINDING_LIGHTS, .access = GPU_READ, .buffer = view->buffers[BUFFER_LIGHTS]};
-    binds[count++] =
-        (struct gpu_bind){.binding = BINDING_FRAME, .access = GPU_READ, .buffer = view->buffers[BUFFER_FRAME]};
+    binds[count++] = (struct gpu_bind){
+        .binding = BINDING_FRAME, .access = GPU_READ, .buffer = view->buffers[BUFFER_FRAME]};
     for (uint32_t i = 0; i < dispatch->use_count; i++)
         binds[count++] = (struct gpu_bind){.binding = dispatch->uses[i].binding,
                                            .access = dispatch->uses[i].access,
@@ -135,16 +139,15 @@ void view_dispatch(struct view *view, struct gpu_frame *frame, const struct view
         return;
     }
     bool is_indirect = dispatch->indirect_offset != 0;
-    gpu_record_dispatch(frame,
-                        &(struct gpu_dispatch){
-                            .pipeline = pipeline,
-                            .binds = binds,
-                            .bind_count = count,
-                            .push = dispatch->has_push ? &dispatch->push : NULL,
-                            .groups = {dispatch->groups[0], dispatch->groups[1], 1},
-                            .indirect = is_indirect ? view->buffers[dispatch->indirect] : NULL,
-                            .indirect_offset = dispatch->indirect_offset,
-                        });
+    gpu_record_dispatch(frame, &(struct gpu_dispatch){
+                                   .pipeline = pipeline,
+                                   .binds = binds,
+                                   .bind_count = count,
+                                   .push = dispatch->has_push ? &dispatch->push : NULL,
+                                   .groups = {dispatch->groups[0], dispatch->groups[1], 1},
+                                   .indirect = is_indirect ? view->buffers[dispatch->indirect] : NULL,
+                                   .indirect_offset = dispatch->indirect_offset,
+                               });
 }
 
 /* ---- state --------------------------------------------------------------------------------------------- */
@@ -155,8 +158,8 @@ static bool check_size(const struct renderer *renderer, uint32_t width, uint32_t
         return error_set(error, STATUS_INVALID, "size %ux%u is not within 1x1 to %ux%u", width, height,
                          VIEW_MAX_SIZE, VIEW_MAX_SIZE);
     if ((uint64_t)width * height > renderer->limits.max_pixels)
-        return error_set(error, STATUS_LIMIT, "size %ux%u has %llu pixels; this device's limit is %u", width, height,
-                         (unsigned long long)width * height, renderer->limits.max_pixels);
+        return error_set(error, STATUS_LIMIT, "size %ux%u has %llu pixels; this device's limit is %u", width,
+                         height, (unsigned long long)width * height, renderer->limits.max_pixels);
     return true;
 }
 
@@ -333,16 +336,19 @@ bool view_set_light(struct view *view, uint32_t light, const struct view_light *
     const char *name = view->renderer->scene->lights[light].name;
     const uint32_t known = LIGHT_OVERRIDE_INTENSITY | LIGHT_OVERRIDE_POSITION | LIGHT_OVERRIDE_DIRECTION;
     if (change->overrides & ~known)
-        return error_set(error, STATUS_INVALID, "light '%s': unknown override bits %#x", name, change->overrides & ~known);
+        return error_set(error, STATUS_INVALID, "light '%s': unknown override bits %#x", name,
+                         change->overrides & ~known);
     if (change->overrides & LIGHT_OVERRIDE_INTENSITY)
         for (int k = 0; k < 3; k++)
             if (!(change->intensity[k] >= 0 && change->intensity[k] <= 1e12f))
-                return error_set(error, STATUS_INVALID, "light '%s': intensity must be from 0 to 1e12, not %g", name,
+                return error_set(error, STATUS_INVALID,
+                                 "light '%s': intensity must be from 0 to 1e12, not %g", name,
                                  (double)change->intensity[k]);
     if ((change->overrides & LIGHT_OVERRIDE_POSITION) && !is_finite3(change->position))
         return error_set(error, STATUS_INVALID, "light '%s': position must be finite", name);
     float direction[3] = {change->direction[0], change->direction[1], change->direction[2]};
-    if ((change->overrides & LIGHT_OVERRIDE_DIRECTION) && !(is_finite3(direction) && normalise3(direction) > 0))
+    if ((change->overrides & LIGHT_OVERRIDE_DIRECTION) &&
+        !(is_finite3(direction) && normalise3(direction) > 0))
         return error_set(error, STATUS_INVALID, "light '%s': direction must be finite and not zero", name);
     view->light_changes[light] = *change;
     return true;
@@ -397,8 +403,8 @@ static void fill_camera(struct view *view, struct frame_gpu *data, uint32_t subf
         shift[0] = radical_inverse(2, subframe + 1) - 0.5f;
         shift[1] = radical_inverse(3, subframe + 1) - 0.5f;
     }
-    /* Only the G-buffer's rays move within their pixels. Splats carry the pixel filter already: moving them as well
-     * would filter twice. */
+    /* Only the G-buffer's rays move within their pixels. Splats carry the pixel filter already: moving them
+     * as well would filter twice. */
     float middle[2] = {0.5f * (float)view->width, 0.5f * (float)view->height};
     data->eye = vec4_of(camera->eye, (float)view->time);
     data->forward = vec4_of(forward, 1 / (focal * focal));
@@ -516,8 +522,8 @@ static bool prepare(struct view *view)
         ok = gbuffer_prepare(view);
     if (ok && plan->has_photons)
         ok = view_buffer(view, BUFFER_COUNTERS, sizeof(struct counters_gpu)) &&
-             view_buffer(view, BUFFER_READBACK_COUNTERS, sizeof(struct counters_gpu)) && density_prepare(view) &&
-             photons_prepare(view) && splat_prepare(view);
+             view_buffer(view, BUFFER_READBACK_COUNTERS, sizeof(struct counters_gpu)) &&
+             density_prepare(view) && photons_prepare(view) && splat_prepare(view);
     if (ok && plan->has_feedback)
         ok = feedback_prepare(view);
     if (ok && plan->has_output)
@@ -564,8 +570,8 @@ static void record(struct view *view, struct gpu_frame *frame, bool is_last)
         size_t cells = (size_t)view->tile_slots * view->cells * view->cells * sizeof(float);
         enum view_buffer density = view->subframe % 2 ? BUFFER_DENSITY_OTHER : BUFFER_DENSITY;
         gpu_record_copy(frame, view->buffers[BUFFER_READBACK], output, view->buffers[density], 0, cells);
-        gpu_record_copy(frame, view->buffers[BUFFER_READBACK], output + cells, view->buffers[BUFFER_VARIANCE], 0,
-                        cells);
+        gpu_record_copy(frame, view->buffers[BUFFER_READBACK], output + cells, view->buffers[BUFFER_VARIANCE],
+                        0, cells);
     }
 }
 
@@ -599,16 +605,26 @@ static void add_counters(struct view *view, double weight)
         {STAT_guard_overflow, COUNT_GUARD_OVERFLOW},
         {STAT_guard_split, COUNT_GUARD_SPLIT},
     };
-    static const enum stat_id fluxes[FATE_COUNT] = {
-        STAT_flux_emitted,  STAT_flux_splatted, STAT_flux_culled_visibility, STAT_flux_culled_solid_angle,
-        STAT_flux_culled_energy, STAT_flux_direct, STAT_flux_absorbed, STAT_flux_escaped,
-        STAT_flux_bounce_limit, STAT_flux_split_once, STAT_flux_thinned, STAT_flux_thinned, STAT_flux_buffer};
+    static const enum stat_id fluxes[FATE_COUNT] = {STAT_flux_emitted,
+                                                    STAT_flux_splatted,
+                                                    STAT_flux_culled_visibility,
+                                                    STAT_flux_culled_solid_angle,
+                                                    STAT_flux_culled_energy,
+                                                    STAT_flux_direct,
+                                                    STAT_flux_absorbed,
+                                                    STAT_flux_escaped,
+                                                    STAT_flux_bounce_limit,
+                                                    STAT_flux_split_once,
+                                                    STAT_flux_thinned,
+                                                    STAT_flux_thinned,
+                                                    STAT_flux_buffer};
     const struct counters_gpu *counters = gpu_buffer_map(view->buffers[BUFFER_READBACK_COUNTERS]);
     double *stats = view->result.stats;
     for (size_t i = 0; i < sizeof counts / sizeof *counts; i++)
         stats[counts[i].stat] += counters->count[counts[i].count];
     for (int i = 0; i < FATE_COUNT; i++)
-        stats[fluxes[i]] += fixed_value(counters, i, (double)view->data.flux_unit) * (i == FATE_THINNED_IN ? -weight : weight);
+        stats[fluxes[i]] += fixed_value(counters, i, (double)view->data.flux_unit) *
+                            (i == FATE_THINNED_IN ? -weight : weight);
     stats[STAT_cells_masked] = counters->count[COUNT_CELLS];
     stats[STAT_density_total] = (double)counters->density_total;
     stats[STAT_density_largest] = (double)counters->density_largest;
@@ -647,7 +663,8 @@ static bool grow(float **values, size_t *size, size_t count, struct error *error
 }
 
 /* Tiles of the atlas side by side, cells in rows instead of along the Morton curve. */
-static void unroll_atlas(const struct view *view, const float *cells, float *image, uint32_t columns, uint32_t rows)
+static void unroll_atlas(const struct view *view, const float *cells, float *image, uint32_t columns,
+                         uint32_t rows)
 {
     uint32_t side = view->cells, width = columns * side;
     memset(image, 0, (size_t)width * rows * side * sizeof *image);
@@ -688,13 +705,15 @@ static bool collect_channels(struct view *view, struct error *error)
         rows /= 2;
     uint32_t side = view->plan.has_photons ? view->cells : 1;
     size_t cells = (size_t)columns * rows * side * side;
-    if (view->channel_mask >> CHANNEL_DENSITY && !grow(&view->atlas_values, &view->atlas_size, 2 * cells, error))
+    if (view->channel_mask >> CHANNEL_DENSITY &&
+        !grow(&view->atlas_values, &view->atlas_size, 2 * cells, error))
         return false;
     for (uint32_t i = 0; i < CHANNEL_COUNT; i++) {
         if (!(view->channel_mask & (1u << i)))
             continue;
         struct frame_channel *channel = &result->channels[result->channel_count++];
-        *channel = (struct frame_channel){(enum channel)i, view->width, view->height, channel_infos[i].components, NULL};
+        *channel = (struct frame_channel){(enum channel)i, view->width, view->height,
+                                          channel_infos[i].components, NULL};
         if (i < CHANNEL_DENSITY) {
             channel->values = values ? values : view->host_values + (i == CHANNEL_DEPTH ? 3 * pixels : 0);
             if (values)
@@ -723,7 +742,8 @@ static void shape_task_buffers(struct view *view)
     uint32_t cells = cells_within_budget(view), slots = 1;
     while (slots < view->features.light_count)
         slots *= 4;
-    if (cells == view->cells && slots == view->tile_slots && view->density_rule == (uint32_t)view->settings.density)
+    if (cells == view->cells && slots == view->tile_slots &&
+        view->density_rule == (uint32_t)view->settings.density)
         return;
     view->cells = cells;
     view->tile_slots = slots;

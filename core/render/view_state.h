@@ -1,9 +1,9 @@
 /* view_state.h: what the renderer, the view and its passes share; private to core/render.
  *
- * A view keeps its buffers in one table by number. A pass asks for the buffers it needs with view_buffer, which
- * makes or grows them; what no pass of the current plan asked for is freed. Passes record dispatches with
- * view_dispatch, naming shader and buffers; pipelines are looked up by shader and constants and shared by all
- * views of a renderer.
+ * A view keeps its buffers in one table by number. A pass asks for the buffers it needs with view_buffer,
+ * which makes or grows them; what no pass of the current plan asked for is freed. Passes record dispatches
+ * with view_dispatch, naming shader and buffers; pipelines are looked up by shader and constants and shared
+ * by all views of a renderer.
  */
 #ifndef CAUSTIC_VIEW_STATE_H
 #define CAUSTIC_VIEW_STATE_H
@@ -17,10 +17,11 @@
 #define RENDERER_MAX_PIPELINES 256u
 #define MAX_CASTER_BOXES       4096u
 
-/* Room per photon of the budget. Half of the rays of a glass scene end at every bounce and the others split: four
- * slots a photon let all of them split (measured on `sphere`, `square`, `cornell`); beyond it they choose. */
-#define RAYS_PER_PHOTON        4u
-#define STORED_PER_PHOTON      5u
+/* Room per photon of the budget. Half of the rays of a glass scene end at every bounce and the others split:
+ * four slots a photon let all of them split (measured on `sphere`, `square`, `cornell`); beyond it they
+ * choose. */
+#define RAYS_PER_PHOTON   4u
+#define STORED_PER_PHOTON 5u
 
 struct renderer_pipeline {
     char shader[48];
@@ -38,9 +39,9 @@ struct renderer {
     uint32_t top_node_capacity; /* nodes reserved at the front of `nodes` */
     struct gpu_accel **bottoms; /* per mesh, khr only */
     struct gpu_accel *top;
-    struct bvh **trees;                /* per mesh; bvh: for bounds; khr: NULL trees are possible */
+    struct bvh **trees;                  /* per mesh; bvh: for bounds; khr: NULL trees are possible */
     uint32_t *tree_node, *tree_triangle; /* where a mesh's tree starts in `nodes` and `triangles` */
-    float (*mesh_boxes)[6];            /* per mesh: frontier boxes of caster meshes, object space */
+    float (*mesh_boxes)[6];              /* per mesh: frontier boxes of caster meshes, object space */
     uint32_t *mesh_first_box, *mesh_box_count;
 
     struct scene_pose *pose;
@@ -94,7 +95,8 @@ enum view_buffer {
     BUFFER_COUNT
 };
 
-/* What scene, lights, settings and the asked channels amount to; computed anew every frame, cheap to compare. */
+/* What scene, lights, settings and the asked channels amount to; computed anew every frame, cheap to compare.
+ */
 struct features {
     uint32_t bits; /* FEATURE_* */
     uint32_t light_count, caster_count, receiver_count;
@@ -114,7 +116,7 @@ struct light_tile {
     float half[2];          /* TILE_RECT */
     float height;           /* TILE_CAP: 1 - cos(half angle) */
     float origin[3];
-    float measure;          /* sr or m^2 */
+    float measure; /* sr or m^2 */
     bool is_valid;
 };
 
@@ -135,14 +137,14 @@ struct view {
     size_t asked[BUFFER_COUNT]; /* bytes this plan asked for; 0: not used */
 
     /* temporal state */
-    uint64_t frame;            /* frames rendered */
-    uint32_t subframe;         /* rendered since the last reset: parity of the ping-pong buffers */
+    uint64_t frame;             /* frames rendered */
+    uint32_t subframe;          /* rendered since the last reset: parity of the ping-pong buffers */
     uint32_t cells, tile_slots; /* the task buffers' shape; 0: none yet */
     bool has_density, has_feedback, has_previous;
     uint32_t density_rule;
-    struct light_tile *tiles;  /* per light */
-    uint64_t tiles_pose;       /* pose_version they were fitted to */
-    uint32_t tiles_key;        /* hash of light state and settings they were fitted to */
+    struct light_tile *tiles; /* per light */
+    uint64_t tiles_pose;      /* pose_version they were fitted to */
+    uint32_t tiles_key;       /* hash of light state and settings they were fitted to */
     bool mask_is_stale;
     struct light_gpu *lights;
     struct frame_gpu data;
@@ -195,7 +197,8 @@ static inline uint32_t groups_of(uint32_t count)
 /* ---- steps of a frame, in order ------------------------------------------------------------------------ */
 
 void features_find(const struct view *view, uint32_t channel_mask, struct features *features);
-void plan_make(const struct view *view, const struct features *features, uint32_t channel_mask, struct plan *plan);
+void plan_make(const struct view *view, const struct features *features, uint32_t channel_mask,
+               struct plan *plan);
 
 /* tiles.c: fits light tiles to casters; fills view->lights. */
 void tiles_update(struct view *view);

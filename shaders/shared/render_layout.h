@@ -1,7 +1,7 @@
 /* render_layout.h: what passes hand to each other, as C and GLSL see it.
  *
- * Units: metres, W, W/sr, W/m^2; areas on screen in px^2. Positions are relative to the view's eye where a name
- * says `relative`, so that scenes far from the origin keep their precision.
+ * Units: metres, W, W/sr, W/m^2; areas on screen in px^2. Positions are relative to the view's eye where a
+ * name says `relative`, so that scenes far from the origin keep their precision.
  */
 #ifndef RENDER_LAYOUT_H
 #define RENDER_LAYOUT_H
@@ -15,38 +15,38 @@
 /* ---- specialisation ------------------------------------------------------------------------------------ */
 
 /* constant_id 0: what the scene and the settings have, as a bit set; dead code goes with cleared bits. */
-#define FEATURE_DIELECTRIC  (1u << 0)
-#define FEATURE_THIN        (1u << 1)
-#define FEATURE_MIRROR      (1u << 2)
-#define FEATURE_TEXTURE     (1u << 3)
-#define FEATURE_ABSORPTION  (1u << 4)
-#define FEATURE_EMISSION    (1u << 5)
-#define FEATURE_CHROMATIC   (1u << 6) /* photons differ in colour: accumulate three channels, not one */
-#define FEATURE_POINT       (1u << 7)
-#define FEATURE_SPOT        (1u << 8)
-#define FEATURE_DIRECTIONAL (1u << 9)
-#define FEATURE_CAUSTICS    (1u << 10)
-#define FEATURE_VARIANCE    (1u << 11)
-#define FEATURE_BEAUTY      (1u << 12) /* somebody asked for direct light */
+#define FEATURE_DIELECTRIC    (1u << 0)
+#define FEATURE_THIN          (1u << 1)
+#define FEATURE_MIRROR        (1u << 2)
+#define FEATURE_TEXTURE       (1u << 3)
+#define FEATURE_ABSORPTION    (1u << 4)
+#define FEATURE_EMISSION      (1u << 5)
+#define FEATURE_CHROMATIC     (1u << 6) /* photons differ in colour: accumulate three channels, not one */
+#define FEATURE_POINT         (1u << 7)
+#define FEATURE_SPOT          (1u << 8)
+#define FEATURE_DIRECTIONAL   (1u << 9)
+#define FEATURE_CAUSTICS      (1u << 10)
+#define FEATURE_VARIANCE      (1u << 11)
+#define FEATURE_BEAUTY        (1u << 12) /* somebody asked for direct light */
 #define FEATURE_TEXTURED_FLUX (1u << 13) /* photons carry the albedo they meet: aa=pixel */
-#define FEATURE_CHAINS      (1u << 14) /* somebody looks through glass and mirrors */
-#define CONSTANT_FEATURES 0
-#define CONSTANT_SPLIT    1 /* enum split_rule */
-#define CONSTANT_DENSITY  2 /* enum density_rule */
-#define CONSTANT_AA       3 /* enum splat_aa */
-#define CONSTANT_DEPTH    4 /* enum depth_test */
+#define FEATURE_CHAINS        (1u << 14) /* somebody looks through glass and mirrors */
+#define CONSTANT_FEATURES     0
+#define CONSTANT_SPLIT        1 /* enum split_rule */
+#define CONSTANT_DENSITY      2 /* enum density_rule */
+#define CONSTANT_AA           3 /* enum splat_aa */
+#define CONSTANT_DEPTH        4 /* enum depth_test */
 
-#define SPLIT_ENERGY_RULE   0
-#define SPLIT_ONCE_RULE     1
-#define SPLIT_ROULETTE_RULE 2
+#define SPLIT_ENERGY_RULE    0
+#define SPLIT_ONCE_RULE      1
+#define SPLIT_ROULETTE_RULE  2
 #define DENSITY_SQRT_RULE    0
 #define DENSITY_AREA_RULE    1
 #define DENSITY_UNIFORM_RULE 2
-#define AA_FILTER 0
-#define AA_NONE   1
-#define AA_PIXEL  2
-#define DEPTH_PLANE  0
-#define DEPTH_MARGIN 1
+#define AA_FILTER            0
+#define AA_NONE              1
+#define AA_PIXEL             2
+#define DEPTH_PLANE          0
+#define DEPTH_MARGIN         1
 
 /* ---- scene --------------------------------------------------------------------------------------------- */
 
@@ -56,15 +56,15 @@
 #define KIND_MIRROR     3
 
 struct texture_gpu {
-    uint first;  /* texel, NONE: no image */
+    uint first; /* texel, NONE: no image */
     uint width, height;
     uint clamp; /* bit 0: u, bit 1: v; else repeat */
 };
 
 struct material_gpu {
-    vec4 color_ior;    /* base colour, index of refraction */
-    vec4 absorption;   /* 1/m per channel; w: roughness */
-    vec4 emission;     /* W/(m^2 sr); w: unused */
+    vec4 color_ior;  /* base colour, index of refraction */
+    vec4 absorption; /* 1/m per channel; w: roughness */
+    vec4 emission;   /* W/(m^2 sr); w: unused */
     uint kind;
     uint color_first, color_width, color_height;
     uint emission_first, emission_width, emission_height;
@@ -82,15 +82,15 @@ SHARED_SIZE(material_gpu, 80);
 #define TILE_RECT   2 /* rectangle across a directional light's beam */
 
 struct light_gpu {
-    vec4 position;   /* w: cosine of the spot's outer cone */
-    vec4 direction;  /* way the light travels; w: cosine of the inner cone */
-    vec4 intensity;  /* rgb; w: sum of the channels */
-    vec4 tile_x;     /* tile frame, unit; w: half width of a TILE_RECT, m */
-    vec4 tile_y;     /* w: half height of a TILE_RECT, m */
-    vec4 tile_z;     /* axis of the cap or beam; w: 1 - cos(half angle) of a TILE_CAP */
+    vec4 position;    /* w: cosine of the spot's outer cone */
+    vec4 direction;   /* way the light travels; w: cosine of the inner cone */
+    vec4 intensity;   /* rgb; w: sum of the channels */
+    vec4 tile_x;      /* tile frame, unit; w: half width of a TILE_RECT, m */
+    vec4 tile_y;      /* w: half height of a TILE_RECT, m */
+    vec4 tile_z;      /* axis of the cap or beam; w: 1 - cos(half angle) of a TILE_CAP */
     vec4 tile_origin; /* centre of a TILE_RECT; w: measure of the whole tile, sr or m^2 */
     uint type, map;
-    uint changed;    /* the tile differs from last frame's: remap the density */
+    uint changed; /* the tile differs from last frame's: remap the density */
     uint has_previous;
     vec4 old_x, old_y, old_z, old_origin; /* last frame's tile, for the remap */
     uint old_map;
@@ -107,20 +107,20 @@ struct caster_box {
 /* ---- the view's frame ---------------------------------------------------------------------------------- */
 
 struct frame_gpu {
-    vec4 eye;           /* w: time, s */
-    vec4 ray_origin;    /* d(p) = ray_origin + p.x ray_x + p.y ray_y for a pixel position p in px, so that
-                           dot(d, forward) = 1; jitter included */
-    vec4 ray_x, ray_y;  /* w of ray_x: px per unit of tangent, x; of ray_y: y */
-    vec4 forward;       /* w: area of a pixel on the plane at distance 1 */
-    vec4 right, up;     /* camera frame, unit */
-    vec4 old_eye;       /* last frame's camera */
+    vec4 eye;          /* w: time, s */
+    vec4 ray_origin;   /* d(p) = ray_origin + p.x ray_x + p.y ray_y for a pixel position p in px, so that
+                          dot(d, forward) = 1; jitter included */
+    vec4 ray_x, ray_y; /* w of ray_x: px per unit of tangent, x; of ray_y: y */
+    vec4 forward;      /* w: area of a pixel on the plane at distance 1 */
+    vec4 right, up;    /* camera frame, unit */
+    vec4 old_eye;      /* last frame's camera */
     vec4 old_forward, old_right, old_up;
-    vec4 old_scale;     /* px per unit of tangent x, y; centre x, y in px */
-    vec4 center;        /* this frame's: px per unit of tangent x, y; centre x, y in px */
-    vec4 tint;          /* rgb of every photon without FEATURE_CHROMATIC; the mean of its channels is 1 */
+    vec4 old_scale; /* px per unit of tangent x, y; centre x, y in px */
+    vec4 center;    /* this frame's: px per unit of tangent x, y; centre x, y in px */
+    vec4 tint;      /* rgb of every photon without FEATURE_CHROMATIC; the mean of its channels is 1 */
     uint width, height, light_count, cells; /* cells along a tile's side */
-    uint tile_levels;   /* log2(cells) */
-    uint tile_slots;    /* tiles in the atlas, a power of four */
+    uint tile_levels;                       /* log2(cells) */
+    uint tile_slots;                        /* tiles in the atlas, a power of four */
     uint seed, subframe;
     uint photon_budget, ray_capacity, photon_capacity, max_bounces;
     uint camera_bounces, flags, caster_box_count, min_samples;
@@ -140,9 +140,9 @@ SHARED_SIZE(frame_gpu, 352);
 
 /* ---- photons ------------------------------------------------------------------------------------------- */
 
-/* A photon in flight, 112 bytes. Differentials are those of one stratum: the change over the photon's own share
- * of the light's tile. After its last hit the same record holds the deposit: origin is the hit point, direction
- * the receiver's geometric normal on the side the photon came from. */
+/* A photon in flight, 112 bytes. Differentials are those of one stratum: the change over the photon's own
+ * share of the light's tile. After its last hit the same record holds the deposit: origin is the hit point,
+ * direction the receiver's geometric normal on the side the photon came from. */
 struct photon_ray {
     vec4 origin;     /* w: 1 / its stratum, 1/sr; negative, 1/m^2, from a directional light */
     vec4 direction;  /* w: distance flown from the light, m */
@@ -153,23 +153,24 @@ struct photon_ray {
     uint cell;       /* in the atlas, Morton order */
     uint hash;       /* of its fixed place: light, cell, sample, branches */
     uint medium;     /* material of the solid it is in, NONE: air */
-    uint state;      /* bits 0-7 bounces, 8-11 splits, 12-13 last interaction, 14-15 and 16-17 its place on the
-                        lattice of strata modulo 4, 18 on a weaker branch */
+    uint state; /* bits 0-7 bounces, 8-11 splits, 12-13 last interaction, 14-15 and 16-17 its place on the
+                   lattice of strata modulo 4, 18 on a weaker branch */
 };
 SHARED_SIZE(photon_ray, 112);
 
 /* A stored photon, ready to be drawn, 80 bytes. For a pixel at offset o from `center`, on its tangent plane,
  * r^2 = |U o|^2 / (1 + w.o)^2 is the squared radius in its ellipse: exact under perspective. */
 struct photon {
-    vec4 position;  /* relative to the eye; w: normal, octahedral 2x16 bits */
-    vec4 ellipse;   /* U, upper triangular: u00, u01, u11, 1/px; w: half height of its box, px. w < 0: a box of
-                       sides x, y px instead, at most 1 px each */
-    vec4 center;    /* px; zw: w */
-    vec4 density;   /* rgb irradiance of the kernel at its middle, W/m^2, or flux for aa=pixel; w: plane slack, m */
-    uint cell;      /* NONE: not drawn; CELL_WEAK is set on a weaker branch */
-    float area;     /* projected, px^2, without filter and limits */
-    float root;     /* sqrt(area * flux / flux of a mean cell), px */
-    float share;    /* of its cell's flux */
+    vec4 position; /* relative to the eye; w: normal, octahedral 2x16 bits */
+    vec4 ellipse;  /* U, upper triangular: u00, u01, u11, 1/px; w: half height of its box, px. w < 0: a box of
+                      sides x, y px instead, at most 1 px each */
+    vec4 center;   /* px; zw: w */
+    vec4 density;  /* rgb irradiance of the kernel at its middle, W/m^2, or flux for aa=pixel; w: plane slack,
+                      m */
+    uint cell;     /* NONE: not drawn; CELL_WEAK is set on a weaker branch */
+    float area;    /* projected, px^2, without filter and limits */
+    float root;    /* sqrt(area * flux / flux of a mean cell), px */
+    float share;   /* of its cell's flux */
 };
 SHARED_SIZE(photon, 80);
 
@@ -198,26 +199,26 @@ SHARED_SIZE(photon, 80);
 #define FATE_NONE               15
 
 /* Counts beside the ledger. */
-#define COUNT_EMITTED           0
-#define COUNT_RAYS              1
-#define COUNT_HITS              2
-#define COUNT_SPLIT             3
-#define COUNT_STORED            4
-#define COUNT_SPLATTED          5
-#define COUNT_CONTRIBUTING      6
-#define COUNT_CULLED_VISIBILITY 7
+#define COUNT_EMITTED            0
+#define COUNT_RAYS               1
+#define COUNT_HITS               2
+#define COUNT_SPLIT              3
+#define COUNT_STORED             4
+#define COUNT_SPLATTED           5
+#define COUNT_CONTRIBUTING       6
+#define COUNT_CULLED_VISIBILITY  7
 #define COUNT_CULLED_SOLID_ANGLE 8
-#define COUNT_CULLED_ENERGY     9
-#define COUNT_KERNEL            10
-#define COUNT_KERNEL_INSIDE     11
-#define COUNT_GUARD_DENSITY     12
+#define COUNT_CULLED_ENERGY      9
+#define COUNT_KERNEL             10
+#define COUNT_KERNEL_INSIDE      11
+#define COUNT_GUARD_DENSITY      12
 #define COUNT_GUARD_DIFFERENTIAL 13
-#define COUNT_GUARD_FOOTPRINT   14
-#define COUNT_GUARD_TRAVERSAL   15
-#define COUNT_GUARD_OVERFLOW    16
-#define COUNT_GUARD_SPLIT       17
-#define COUNT_CELLS             18
-#define COUNT_COUNT             20
+#define COUNT_GUARD_FOOTPRINT    14
+#define COUNT_GUARD_TRAVERSAL    15
+#define COUNT_GUARD_OVERFLOW     16
+#define COUNT_GUARD_SPLIT        17
+#define COUNT_CELLS              18
+#define COUNT_COUNT              20
 
 /* One per view, read back whole every frame. The first part is zeroed at the start of a frame. */
 struct counters_gpu {
@@ -225,16 +226,16 @@ struct counters_gpu {
     uint flux_low[16];  /* ledger, 64-bit fixed point in flux_unit: low words */
     uint flux_high[16]; /* and high words */
     /* the photon loop */
-    uint task_count;       /* photons to emit */
-    uint photon_count;     /* stored so far */
-    uint photon_base;      /* stored before this bounce */
+    uint task_count;   /* photons to emit */
+    uint photon_count; /* stored so far */
+    uint photon_base;  /* stored before this bounce */
     uint pad0;
-    uint queue[8];         /* of even and odd bounces: indirect dispatch x, y, z, then the number of rays */
-    uint stride[2];        /* child slots per ray, even and odd: 2 while splitting is allowed, 1 otherwise */
+    uint queue[8];  /* of even and odd bounces: indirect dispatch x, y, z, then the number of rays */
+    uint stride[2]; /* child slots per ray, even and odd: 2 while splitting is allowed, 1 otherwise */
     uint pad1, pad2;
     uint photon_groups[4]; /* indirect dispatch over all stored photons; [3] unused */
     /* the density control loop */
-    float density_total;    /* before the budget */
+    float density_total; /* before the budget */
     float density_largest;
     float density_scale;    /* budget: D = min + (D' - min) scale */
     float suggestion_scale; /* sqrt rule: makes the total that of the area rule */
@@ -244,10 +245,10 @@ SHARED_SIZE(counters_gpu, 304);
 
 /* Accumulators of one cell's feedback, 64-bit fixed point as low and high word. */
 struct feedback_gpu {
-    uint area_low, area_high; /* sum of projected areas, 2^-16 px^2 */
-    uint root_low, root_high; /* sum of sqrt(area * share), 2^-20 px */
+    uint area_low, area_high;     /* sum of projected areas, 2^-16 px^2 */
+    uint root_low, root_high;     /* sum of sqrt(area * share), 2^-20 px */
     uint change_low, change_high; /* sum of share * relative change, 2^-24 */
-    uint weak_low, weak_high; /* like root, of photons on weaker branches only */
+    uint weak_low, weak_high;     /* like root, of photons on weaker branches only */
 };
 SHARED_SIZE(feedback_gpu, 32);
 
@@ -255,10 +256,11 @@ SHARED_SIZE(feedback_gpu, 32);
 
 /* The surface a pixel shows, 64 bytes. */
 struct surface_gpu {
-    vec4 relative_position; /* from the eye, m, of the surface settled on; w: depth of the first hit along forward */
-    vec4 normal;            /* shading normal; w: 1 receiver seen directly, 2 through a chain, 0 nothing to light */
-    vec4 albedo;            /* rgb; w: unused */
-    vec4 radiance;          /* direct light and emission toward the camera, chain included, W/(m^2 sr) */
+    vec4 relative_position; /* from the eye, m, of the surface settled on; w: depth of the first hit along
+                               forward */
+    vec4 normal;   /* shading normal; w: 1 receiver seen directly, 2 through a chain, 0 nothing to light */
+    vec4 albedo;   /* rgb; w: unused */
+    vec4 radiance; /* direct light and emission toward the camera, chain included, W/(m^2 sr) */
 };
 SHARED_SIZE(surface_gpu, 64);
 
