@@ -9,7 +9,7 @@ uint cell_count()
 }
 
 // A density is finite and within reason; what is not is clamped and counted.
-const float DENSITY_MAX = 1048576.0;
+const float DENSITY_MAX = 1073741824.0;
 
 float density_guard(float density)
 {

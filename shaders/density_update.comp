@@ -16,7 +16,7 @@ layout(std430, binding = BINDING_PASS + 5) writeonly buffer variance_buffer { fl
 layout(std430, binding = BINDING_PASS + 6) writeonly buffer thinning_buffer { uint thinning[]; };
 
 // Every how many strata a block of 4 x 4 cells needs its weaker branches: the sqrt rule again, between branches.
-// A block, because thinned out by 4 each block still sends one.
+// A block, because a thinned cell need not send any itself.
 // `weak_share` is what a cell of the block has of the roots of weaker branches.
 uint thinning_step(uint cell, out float weak_share)
 {
@@ -29,7 +29,7 @@ uint thinning_step(uint cell, out float weak_share)
     }
     weak_share = weak / max(cells, 1.0);
     float ratio = weak / max(all - weak, 1.0);
-    return ratio < 0.15 ? 4u : ratio < 0.5 ? 2u : 1u;
+    return ratio < 0.5 ? 2u : 1u;
 }
 
 void main()
@@ -39,7 +39,8 @@ void main()
         return;
     if (mask[cell] == 0u) {
         density[cell] = 0.0;
-        variance[cell] = 0.0;
+        if (has(FEATURE_VARIANCE))
+            variance[cell] = 0.0;
         thinning[cell] = 1u;
         return;
     }
@@ -80,5 +81,5 @@ void main()
         }
         value = mix(sum / weight, suggested, frame.temporal_weight);
     }
-    density[cell] = density_guard(max(value, float(frame.min_samples)));
+    density[cell] = max(density_guard(value), float(frame.min_samples));
 }

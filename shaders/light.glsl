@@ -58,7 +58,24 @@ void cap_map(vec2 uv, float h, out vec3 d, out vec3 d_u, out vec3 d_v)
     d_v = vec3(p_v * g + p * (slope * change_v), -2.0 * h * change_v);
 }
 
-// Unit square to the sphere, equal area.
+// Unit square to the sphere, equal area, with its derivatives: those of the octahedron's face that holds the point.
+void sphere_map_derivatives(vec2 uv, out vec3 d_u, out vec3 d_v)
+{
+    vec2 o = 2.0 * uv - 1.0;
+    vec2 turn = vec2(o.x < 0.0 ? -1.0 : 1.0, o.y < 0.0 ? -1.0 : 1.0);
+    vec2 a = abs(o);
+    float side = a.x + a.y <= 1.0 ? 1.0 : -1.0;
+    float r = 1.0 - abs(1.0 - a.x - a.y);
+    float q = r > 1e-9 ? (a.y - a.x) / r : 0.0;
+    float phi = (q + 1.0) * (PI / 4.0);
+    float c = cos(phi), s = sin(phi);
+    float g = sqrt(2.0 - r * r);
+    float slope = side * (2.0 - 2.0 * r * r) / g; // of sin(theta) over |o.x| or |o.y|
+    vec2 swing = g * (PI / 4.0) * (vec2(-1.0, 1.0) - q * side); // sin(theta) dphi
+    d_u = 2.0 * turn.x * vec3(turn.x * (c * slope - s * swing.x), turn.y * (s * slope + c * swing.x), -2.0 * r);
+    d_v = 2.0 * turn.y * vec3(turn.x * (c * slope - s * swing.y), turn.y * (s * slope + c * swing.y), -2.0 * r);
+}
+
 vec3 sphere_map(vec2 uv)
 {
     vec2 o = 2.0 * uv - 1.0;
@@ -126,12 +143,8 @@ emission light_emit(light_gpu light, vec2 uv)
         e.direction_u = tile_frame(light.tile_x.xyz, light.tile_y.xyz, light.tile_z.xyz, d_u);
         e.direction_v = tile_frame(light.tile_x.xyz, light.tile_y.xyz, light.tile_z.xyz, d_v);
     } else {
-        // The octahedron's map has creases: difference inward of the cell's own quadrant.
-        const float step = 1.0 / 4096.0;
-        vec2 inward = vec2(fract(uv.x * 2.0) < 0.5 ? step : -step, fract(uv.y * 2.0) < 0.5 ? step : -step);
-        vec3 d = sphere_map(uv);
-        vec3 d_u = (sphere_map(uv + vec2(inward.x, 0.0)) - d) / inward.x;
-        vec3 d_v = (sphere_map(uv + vec2(0.0, inward.y)) - d) / inward.y;
+        vec3 d = sphere_map(uv), d_u, d_v;
+        sphere_map_derivatives(uv, d_u, d_v);
         e.direction = normalize(tile_frame(light.tile_x.xyz, light.tile_y.xyz, light.tile_z.xyz, d));
         e.direction_u = tile_frame(light.tile_x.xyz, light.tile_y.xyz, light.tile_z.xyz, d_u);
         e.direction_v = tile_frame(light.tile_x.xyz, light.tile_y.xyz, light.tile_z.xyz, d_v);

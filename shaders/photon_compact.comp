@@ -21,7 +21,7 @@ layout(push_constant) uniform push_block { uint parity; };
 
 // Areas the sqrt rule tells apart, px^2: below a pixel's half more photons only calm the pixel's sum.
 const float ROOT_AREA_MIN = 0.5, ROOT_AREA_MAX = 1000.0;
-const float AREA_MAX = 1e9; // px^2: feedback of a singular footprint stays finite
+const float AREA_MAX = 1e6; // px^2, a whole view: feedback of a singular footprint stays finite
 
 shared uint group_outcomes[GROUP_SIZE];
 
@@ -91,6 +91,8 @@ photon make_photon(photon_ray ray)
     float area = abs(a.x * b.y - a.y * b.x);
 
     // Everything adds up in the covariance, in px^2.
+    // det C without the cancellation of cxx cyy - cxy^2 on thin footprints, as long as no limit acts
+    float det_free = frame.kappa * frame.kappa * area * area;
     float filter2 = AA == AA_FILTER ? frame.filter_radius * frame.filter_radius : 1e-6;
     float cxx = frame.kappa * (a.x * a.x + b.x * b.x);
     float cxy = frame.kappa * (a.x * a.y + b.x * b.y);
@@ -106,7 +108,9 @@ photon make_photon(photon_ray ray)
     float apart = sqrt(0.25 * (cxx - cyy) * (cxx - cyy) + cxy * cxy);
     float major = middle + apart, minor = max(middle - apart, 0.0);
     float limit = min(frame.max_radius * frame.max_radius, frame.max_anisotropy * frame.max_anisotropy * (minor + filter2));
-    if (major > limit) {
+    float trace_free = cxx + cyy;
+    bool is_limited = !is_small && major > limit;
+    if (is_limited) {
         // along the major axis e: C -= (major - limit) e e^T
         vec2 e = abs(cxx - major) > abs(cyy - major) ? vec2(cxy, major - cxx) : vec2(major - cyy, cxy);
         float length2 = dot(e, e);
@@ -125,7 +129,7 @@ photon make_photon(photon_ray ray)
     }
     cxx = max(cxx, 0.0) + filter2;
     cyy = max(cyy, 0.0) + filter2;
-    float det_c = max(cxx * cyy - cxy * cxy, filter2 * filter2);
+    float det_c = max(is_limited ? cxx * cyy - cxy * cxy : det_free + filter2 * trace_free + filter2 * filter2, filter2 * filter2);
 
     // Perspective: 1 + w.o is depth over depth; kept away from the horizon.
     vec2 w = -vec2(j2.y * c.x - j1.y * c.y, -j2.x * c.x + j1.x * c.y) / (det_j * z);

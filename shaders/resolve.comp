@@ -28,11 +28,24 @@ void main()
         else
             value = vec3(fixed_value_of(sums[2u * pixel], sums[2u * pixel + 1u])) * frame.tint.xyz;
         value *= frame.irradiance_unit;
-        target_gpu target = targets[pixel];
+        // With aa=pixel a pixel whose middle sees glass may hold light of a receiver beside it: a neighbour tells its area.
+        uint lender = pixel;
+        if (AA == AA_PIXEL && !target_exists(targets[pixel]) && value != vec3(0.0)) {
+            ivec2 place = ivec2(int(pixel % frame.width), int(pixel / frame.width));
+            for (uint k = 0u; k < 9u; k++) {
+                ivec2 p = place + ivec2(int(k % 3u) - 1, int(k / 3u) - 1);
+                if (all(greaterThanEqual(p, ivec2(0))) && p.x < int(frame.width) && p.y < int(frame.height)) {
+                    uint other = uint(p.y) * frame.width + uint(p.x);
+                    if (target_exists(targets[other]))
+                        lender = other;
+                }
+            }
+        }
+        target_gpu target = targets[lender];
         if (target_exists(target)) {
             vec3 seen = value;
             if (AA == AA_PIXEL) {
-                vec3 albedo = surfaces[pixel].albedo.xyz;
+                vec3 albedo = surfaces[lender].albedo.xyz;
                 seen = mix(vec3(0.0), value / max(albedo, vec3(1e-6)), greaterThan(albedo, vec3(0.0)));
             }
             flux = channel_sum(seen) * pixel_world_area(target.position_normal.xyz,

@@ -53,7 +53,7 @@ void main()
         vec2 center = p.center.xy, w = p.center.zw;
         ivec2 size = ivec2(int(frame.width), int(frame.height));
         if (AA == AA_PIXEL) {
-            ivec2 at = ivec2(center);
+            ivec2 at = ivec2(floor(center));
             if (all(greaterThanEqual(at, ivec2(0))) && all(lessThan(at, size))) {
                 add_pixel(uint(at.y * size.x + at.x), value);
                 evaluated = inside = reached = 1u;

@@ -25,9 +25,10 @@ bool density_prepare(struct view *view)
            view_buffer(view, BUFFER_DENSITY_OTHER, cells * sizeof(float)) &&
            view_buffer(view, BUFFER_TREE, (cells * 4 / 3 + 1) * sizeof(uint32_t)) &&
            view_buffer(view, BUFFER_PARTIALS, 2 * (size_t)groups_of((uint32_t)cells) * sizeof(vec2)) &&
-           view_buffer(view, BUFFER_FEEDBACK, cells * sizeof(struct feedback_gpu)) &&
-           view_buffer(view, BUFFER_VARIANCE, cells * sizeof(float)) &&
-           view_buffer(view, BUFFER_THINNING, cells * sizeof(uint32_t));
+           (!view->plan.has_feedback ||
+            (view_buffer(view, BUFFER_FEEDBACK, cells * sizeof(struct feedback_gpu)) &&
+             view_buffer(view, BUFFER_THINNING, cells * sizeof(uint32_t)))) &&
+           (!view->plan.has_variance || view_buffer(view, BUFFER_VARIANCE, cells * sizeof(float)));
 }
 
 void density_record(struct view *view, struct gpu_frame *frame)
@@ -55,19 +56,24 @@ void density_record(struct view *view, struct gpu_frame *frame)
                                                        {BINDING_PASS + 1, GPU_READ, BUFFER_MASK},
                                                        {BINDING_PASS + 2, GPU_READ, BUFFER_PARTIALS})});
         }
-        view_dispatch(view, frame,
-                      &(struct view_dispatch){.shader = "density_update.comp",
-                                              .lights = true,
-                                              .groups = {groups, 1},
-                                              USES({BINDING_PASS, GPU_READ_WRITE, BUFFER_COUNTERS},
-                                                   {BINDING_PASS + 1, GPU_READ, BUFFER_MASK},
-                                                   {BINDING_PASS + 2, GPU_READ, BUFFER_FEEDBACK},
-                                                   {BINDING_PASS + 3, GPU_READ, density_before(view)},
-                                                   {BINDING_PASS + 4, GPU_WRITE, density_now(view)},
-                                                   {BINDING_PASS + 5, GPU_WRITE, BUFFER_VARIANCE},
-                                                   {BINDING_PASS + 6, GPU_WRITE, BUFFER_THINNING})});
+        view_dispatch(
+            view, frame,
+            &(struct view_dispatch){.shader = "density_update.comp",
+                                    .lights = true,
+                                    .groups = {groups, 1},
+                                    USES({BINDING_PASS, GPU_READ_WRITE, BUFFER_COUNTERS},
+                                         {BINDING_PASS + 1, GPU_READ, BUFFER_MASK},
+                                         {BINDING_PASS + 2, GPU_READ, BUFFER_FEEDBACK},
+                                         {BINDING_PASS + 3, GPU_READ, density_before(view)},
+                                         {BINDING_PASS + 4, GPU_WRITE, density_now(view)},
+                                         {BINDING_PASS + 5, GPU_WRITE,
+                                          view->plan.has_variance ? BUFFER_VARIANCE : BUFFER_THINNING},
+                                         {BINDING_PASS + 6, GPU_WRITE, BUFFER_THINNING})});
     } else {
-        gpu_record_fill(frame, view->buffers[BUFFER_THINNING], 0, cells * sizeof(uint32_t), 1);
+        if (view->plan.has_feedback)
+            gpu_record_fill(frame, view->buffers[BUFFER_THINNING], 0, cells * sizeof(uint32_t), 1);
+        if (view->plan.has_variance)
+            gpu_record_fill(frame, view->buffers[BUFFER_VARIANCE], 0, cells * sizeof(float), 0);
         if (view->has_density)
             gpu_record_copy(frame, view->buffers[density_now(view)], 0, view->buffers[density_before(view)],
                             0, cells * sizeof(float));

@@ -41,20 +41,20 @@ void photons_record(struct view *view, struct gpu_frame *frame)
         enum view_buffer next_queue = parity ? BUFFER_QUEUE : BUFFER_QUEUE_OTHER;
         size_t groups = offsetof(struct counters_gpu, queue) + parity * 4 * sizeof(uint32_t);
         gpu_pass_begin(frame, "trace");
-        view_dispatch(view, frame,
-                      &(struct view_dispatch){.shader = "photon_trace.comp",
-                                              .traces = true,
-                                              .has_push = true,
-                                              .push = parity,
-                                              .indirect = BUFFER_COUNTERS,
-                                              .indirect_offset = groups,
-                                              USES({BINDING_PASS, GPU_READ_WRITE, BUFFER_COUNTERS},
-                                                   {BINDING_PASS + 1, GPU_READ_WRITE, rays},
-                                                   {BINDING_PASS + 2, GPU_WRITE, children},
-                                                   {BINDING_PASS + 3, GPU_READ, queue},
-                                                   {BINDING_PASS + 4, GPU_WRITE, BUFFER_OUTCOMES},
-                                                   {BINDING_PASS + 5, GPU_WRITE, BUFFER_GROUPS},
-                                                   {BINDING_PASS + 6, GPU_READ, BUFFER_THINNING})});
+        view_dispatch(
+            view, frame,
+            &(struct view_dispatch){
+                .shader = "photon_trace.comp",
+                .traces = true,
+                .has_push = true,
+                .push = parity,
+                .indirect = BUFFER_COUNTERS,
+                .indirect_offset = groups,
+                USES({BINDING_PASS, GPU_READ_WRITE, BUFFER_COUNTERS},
+                     {BINDING_PASS + 1, GPU_READ_WRITE, rays}, {BINDING_PASS + 2, GPU_WRITE, children},
+                     {BINDING_PASS + 3, GPU_READ, queue}, {BINDING_PASS + 4, GPU_WRITE, BUFFER_OUTCOMES},
+                     {BINDING_PASS + 5, GPU_WRITE, BUFFER_GROUPS},
+                     {BINDING_PASS + 6, GPU_READ, view->plan.has_feedback ? BUFFER_THINNING : queue})});
         gpu_pass_end(frame);
         gpu_pass_begin(frame, "compact");
         view_dispatch(view, frame,

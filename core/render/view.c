@@ -570,8 +570,9 @@ static void record(struct view *view, struct gpu_frame *frame, bool is_last)
         size_t cells = (size_t)view->tile_slots * view->cells * view->cells * sizeof(float);
         enum view_buffer density = view->subframe % 2 ? BUFFER_DENSITY_OTHER : BUFFER_DENSITY;
         gpu_record_copy(frame, view->buffers[BUFFER_READBACK], output, view->buffers[density], 0, cells);
-        gpu_record_copy(frame, view->buffers[BUFFER_READBACK], output + cells, view->buffers[BUFFER_VARIANCE],
-                        0, cells);
+        if (view->plan.has_variance)
+            gpu_record_copy(frame, view->buffers[BUFFER_READBACK], output + cells,
+                            view->buffers[BUFFER_VARIANCE], 0, cells);
     }
 }
 
