@@ -341,8 +341,8 @@ struct network *network_create(const struct network_params *params, struct error
         .options = LWS_SERVER_OPTION_EXPLICIT_VHOSTS | LWS_SERVER_OPTION_SKIP_SERVER_CANONICAL_NAME,
         .fd_limit_per_thread = params->max_connections + SPARE_DESCRIPTORS,
         .user = network,
-        .gid = -1,
-        .uid = -1};
+        .gid = (__typeof__(((struct lws_context_creation_info *)0)->gid))-1, /* signed or not, by version */
+        .uid = (__typeof__(((struct lws_context_creation_info *)0)->uid))-1};
     network->context = lws_create_context(&info);
     info.protocols = protocols;
     info.vhost_name = "causticd";

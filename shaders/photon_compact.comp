@@ -21,7 +21,7 @@ layout(push_constant) uniform push_block { uint parity; };
 
 // Areas the sqrt rule tells apart, px^2: below a pixel's half more photons only calm the pixel's sum.
 const float ROOT_AREA_MIN = 0.5, ROOT_AREA_MAX = 1000.0;
-const float AREA_MAX = 1e6; // px^2, a whole view: feedback of a singular footprint stays finite
+const float AREA_MAX = 1e9; // px^2: feedback of a singular footprint stays finite
 
 shared uint group_outcomes[GROUP_SIZE];
 
