@@ -317,12 +317,12 @@ static void weak_branches_are_thinned_where_they_matter_little(void **state)
     run_update(b);
     for (uint32_t i = 0; i < b->total; i++) {
         uint32_t step = b->thinning[i];
-        assert_true(step == 1 || step == 2 || step == 4);
+        assert_true(step == 1 || step == 2);
         assert_int_equal(step, b->thinning[i / 16 * 16]);
         if (i >= 16)
             assert_true(step <= b->thinning[i - 16]);
     }
-    assert_int_equal(b->thinning[0], 4);
+    assert_int_equal(b->thinning[0], 2);
     assert_int_equal(b->thinning[b->total - 1], 1);
     free(b);
 }

@@ -234,6 +234,23 @@ static double kernel(const struct picture *p, const struct photon *photon, int x
     return p->aa == AA_NONE ? 1 : 1 - r2;
 }
 
+/* The pixel whose plane tells the area a pixel shows: its own, or for aa=pixel, where light of a receiver may
+ * lie in a pixel whose middle sees glass, the last of its neighbours that has one. */
+static uint32_t plane_of(const struct picture *p, uint32_t pixel)
+{
+    uint32_t plane = pixel;
+    if (p->aa != AA_PIXEL || float_bits(p->targets[pixel].position_normal.w) != NONE)
+        return plane;
+    int width = (int)p->frame.width, height = (int)p->frame.height;
+    for (int k = 0; k < 9; k++) {
+        int x = (int)pixel % width + k % 3 - 1, y = (int)pixel / width + k / 3 - 1;
+        if (x >= 0 && y >= 0 && x < width && y < height &&
+            float_bits(p->targets[y * width + x].position_normal.w) != NONE)
+            plane = (uint32_t)(y * width + x);
+    }
+    return plane;
+}
+
 static void compare(const char *name, struct picture *p)
 {
     static double expected[PIXELS][3], doubt[PIXELS];
@@ -265,7 +282,8 @@ static void compare(const char *name, struct picture *p)
     double worst = 0, sum = 0, found_sum = 0, flux = 0;
     const double tint[3] = {(double)p->frame.tint.x, (double)p->frame.tint.y, (double)p->frame.tint.z};
     for (uint32_t i = 0; i < PIXELS; i++) {
-        const float *found = &p->irradiance[i].x, *albedo = &p->surfaces[i].albedo.x;
+        const uint32_t plane = plane_of(p, i);
+        const float *found = &p->irradiance[i].x, *albedo = &p->surfaces[plane].albedo.x;
         double mean = (expected[i][0] + expected[i][1] + expected[i][2]) / 3, seen = 0;
         for (int c = 0; c < 3; c++) {
             double e = p->features & FEATURE_CHROMATIC ? expected[i][c] : mean * tint[c];
@@ -277,7 +295,7 @@ static void compare(const char *name, struct picture *p)
                     : albedo[c] > 0   ? (double)found[c] / (double)albedo[c]
                                       : 0;
         }
-        vec4 target = p->targets[i].position_normal;
+        vec4 target = p->targets[plane].position_normal;
         if (float_bits(target.w) != NONE) {
             /* a pixel's part of the sphere, seen from the eye, on the target's plane */
             double n[3], z = -(double)target.z;
