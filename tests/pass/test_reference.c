@@ -106,7 +106,7 @@ static void check_picture(const char *name)
     bool is_there = stage_shared_file(file, scene, sizeof scene);
     snprintf(file, sizeof file, "truth/%s_caustics.exr", name);
     if (!is_there || !stage_shared_file(file, picture, sizeof picture)) {
-        print_message("not compared: %s is not there\n", picture);
+        print_message("not compared: %s is not there\n", file);
         skip();
     }
     float *truth = read_picture(picture);
