@@ -3,12 +3,6 @@
 
 #include "view_state.h"
 
-bool feedback_prepare(struct view *view)
-{
-    (void)view; /* its buffers are those of density.c and splat.c */
-    return true;
-}
-
 void feedback_record(struct view *view, struct gpu_frame *frame)
 {
     bool is_odd = view->plan.has_variance && view->subframe % 2;

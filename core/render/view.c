@@ -524,8 +524,6 @@ static bool prepare(struct view *view)
         ok = view_buffer(view, BUFFER_COUNTERS, sizeof(struct counters_gpu)) &&
              view_buffer(view, BUFFER_READBACK_COUNTERS, sizeof(struct counters_gpu)) &&
              density_prepare(view) && photons_prepare(view) && splat_prepare(view);
-    if (ok && plan->has_feedback)
-        ok = feedback_prepare(view);
     if (ok && plan->has_output)
         ok = compose_prepare(view);
     size_t readback = view->asked[BUFFER_OUTPUT];
@@ -805,7 +803,8 @@ const struct frame_result *view_render(struct view *view, uint32_t channel_mask,
         struct gpu_frame *frame = gpu_frame_begin(renderer->gpu, error);
         if (!frame)
             return NULL;
-        if (!renderer_upload_pose(renderer, frame, error))
+        if (renderer->uploaded_version != renderer->pose_version &&
+            !renderer_upload_pose(renderer, frame, error))
             return NULL;
         record(view, frame, subframe + 1 == subframes);
         uploading += now_ns() - start;
@@ -815,6 +814,7 @@ const struct frame_result *view_render(struct view *view, uint32_t channel_mask,
         }
         if (!gpu_frame_submit(frame, error) || !gpu_frame_wait(frame, error))
             return NULL;
+        renderer->uploaded_version = renderer->pose_version;
         if (view->plan.has_photons) {
             add_counters(view, 1.0 / subframes);
             view->has_density = true;

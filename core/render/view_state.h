@@ -47,7 +47,8 @@ struct renderer {
     struct scene_pose *pose;
     double pose_time;
     bool has_pose;
-    uint64_t pose_version; /* grows when anything moved */
+    uint64_t pose_version;     /* grows when anything moved */
+    uint64_t uploaded_version; /* pose_version that the device has */
     struct scene_instance_gpu *instance_data;
     float scene_min[3], scene_max[3]; /* at the current pose */
     struct caster_box *caster_boxes;
@@ -55,7 +56,6 @@ struct renderer {
 
     struct renderer_pipeline pipelines[RENDERER_MAX_PIPELINES];
     uint32_t pipeline_count;
-    uint64_t view_serial;
 };
 
 /* Brings instances, top level and caster boxes to `time`; uploads into `frame` what changed. */
@@ -149,7 +149,6 @@ struct view {
     struct light_gpu *lights;
     struct frame_gpu data;
     struct frame_gpu last_data;
-    float flux_unit_total;
 
     struct frame_result result;
     float *host_values; /* zeros for frames without device work; NULL when the readback buffer serves */
@@ -212,7 +211,6 @@ bool photons_prepare(struct view *view);
 void photons_record(struct view *view, struct gpu_frame *frame);
 bool splat_prepare(struct view *view);
 void splat_record(struct view *view, struct gpu_frame *frame);
-bool feedback_prepare(struct view *view);
 void feedback_record(struct view *view, struct gpu_frame *frame);
 bool compose_prepare(struct view *view);
 void compose_record(struct view *view, struct gpu_frame *frame);

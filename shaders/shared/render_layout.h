@@ -55,12 +55,6 @@
 #define KIND_THIN       2
 #define KIND_MIRROR     3
 
-struct texture_gpu {
-    uint first; /* texel, NONE: no image */
-    uint width, height;
-    uint clamp; /* bit 0: u, bit 1: v; else repeat */
-};
-
 struct material_gpu {
     vec4 color_ior;  /* base colour, index of refraction */
     vec4 absorption; /* 1/m per channel; w: roughness */
