@@ -85,7 +85,7 @@ static bool choose_settings(struct recording *recording, struct error *error)
     for (uint32_t i = 0; i < hello->setting_count; i++)
         recording->values[i] = hello->settings[i].value;
     for (uint32_t i = 0; i < recording->options->setting_count; i++) {
-        const struct record_setting *setting = &recording->options->settings[i];
+        const struct option_setting *setting = &recording->options->settings[i];
         uint32_t index;
         if (!client_find_setting(recording->client, setting->name, &index, error) ||
             !client_setting_parse(&hello->settings[index], setting->value, &recording->values[index],

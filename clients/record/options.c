@@ -138,57 +138,6 @@ static const struct option long_options[] = {
     {NULL, 0, NULL, 0},
 };
 
-static bool parse_number(const char *option, const char *text, double minimum, double maximum, double *value,
-                         struct error *error)
-{
-    char *end;
-    *value = strtod(text, &end);
-    if (end == text || *end || !isfinite(*value))
-        return error_set(error, STATUS_INVALID, "--%s %.100s: not a number", option, text);
-    if (*value < minimum || *value > maximum)
-        return error_set(error, STATUS_INVALID, "--%s %.100s: must be between %.9g and %.9g", option, text,
-                         minimum, maximum);
-    return true;
-}
-
-static bool parse_count(const char *option, const char *text, uint32_t minimum, uint32_t *value,
-                        struct error *error)
-{
-    double number;
-    if (!parse_number(option, text, minimum, 1e6, &number, error))
-        return false;
-    if (number != floor(number))
-        return error_set(error, STATUS_INVALID, "--%s %.100s: must be a whole number", option, text);
-    *value = (uint32_t)number;
-    return true;
-}
-
-static bool parse_vector(const char *option, const char *text, float *vector, struct error *error)
-{
-    const char *at = text;
-    for (int i = 0; i < 3; i++) {
-        char *end;
-        vector[i] = strtof(at, &end);
-        if (end == at || *end != (i < 2 ? ',' : 0) || !isfinite(vector[i]))
-            return error_set(error, STATUS_INVALID,
-                             "--%s %.100s: write three numbers with commas, as in 0,1.5,-2", option, text);
-        at = end + 1;
-    }
-    return true;
-}
-
-static bool parse_size(const char *text, struct record_options *options, struct error *error)
-{
-    char rest;
-    if (strspn(text, "0123456789x") != strlen(text) || strlen(text) > 15 ||
-        sscanf(text, "%ux%u%c", &options->width, &options->height, &rest) != 2)
-        return error_set(error, STATUS_INVALID, "--size %.100s: write WIDTHxHEIGHT in pixels, as in 480x270",
-                         text);
-    if (options->width == 0 || options->height == 0)
-        return error_set(error, STATUS_INVALID, "--size %.100s: width and height must be at least 1", text);
-    return true;
-}
-
 /* NAME.intensity=R,G,B; the name may hold dots. Changes of one light gather in one entry. */
 static bool parse_light(const char *text, struct record_options *options, struct error *error)
 {
@@ -222,23 +171,14 @@ static bool parse_light(const char *text, struct record_options *options, struct
     }
     float *vectors[] = {light->change.intensity, light->change.position, light->change.direction};
     light->change.overrides |= 1u << property;
-    return parse_vector("light", equals + 1, vectors[property], error);
+    return option_vector("light", equals + 1, vectors[property], error);
 }
 
 static bool parse_setting(const char *text, struct record_options *options, struct error *error)
 {
-    const char *equals = strchr(text, '=');
-    if (!equals || equals == text || !equals[1])
-        return error_set(error, STATUS_INVALID, "--set %.100s: write NAME=VALUE, as in photons=500000", text);
     if (options->setting_count == RECORD_MAX_SETTINGS)
         return error_set(error, STATUS_LIMIT, "--set %.100s: at most %u settings", text, RECORD_MAX_SETTINGS);
-    struct record_setting *setting = &options->settings[options->setting_count++];
-    if ((size_t)(equals - text) >= sizeof setting->name || strlen(equals + 1) >= sizeof setting->value)
-        return error_set(error, STATUS_INVALID, "--set %.100s: too long to be a setting", text);
-    memcpy(setting->name, text, (size_t)(equals - text));
-    setting->name[equals - text] = 0;
-    memcpy(setting->value, equals + 1, strlen(equals + 1) + 1);
-    return true;
+    return option_setting(text, &options->settings[options->setting_count++], error);
 }
 
 static bool parse_word(const char *option, const char *text, const char *first, const char *second,
@@ -257,12 +197,9 @@ static bool parse_one(struct record_options *options, int option, const char *va
     switch (option) {
     case OPTION_CONNECT:
         options->address = value;
-        if (strncmp(value, "tcp:", 4) != 0 && strncmp(value, "unix:", 5) != 0)
-            return error_set(error, STATUS_INVALID, "--connect %.100s: write tcp:HOST:PORT or unix:PATH",
-                             value);
-        return true;
+        return option_address(value, error);
     case OPTION_WAIT:
-        return parse_number("wait", value, 0, 3600, &options->wait, error);
+        return option_number("wait", value, 0, 3600, &options->wait, error);
     case OPTION_FORMAT:
         if (!parse_word("format", value, "f32", "f16", &is_second, error))
             return false;
@@ -274,15 +211,15 @@ static bool parse_one(struct record_options *options, int option, const char *va
         options->encoding = is_second ? PROTOCOL_RAW : PROTOCOL_ZSTD;
         return true;
     case OPTION_SIZE:
-        return parse_size(value, options, error);
+        return option_size(value, &options->width, &options->height, error);
     case OPTION_EYE:
-        return options->has_eye = parse_vector("eye", value, options->camera.eye, error);
+        return options->has_eye = option_vector("eye", value, options->camera.eye, error);
     case OPTION_AT:
-        return options->has_at = parse_vector("at", value, options->camera.at, error);
+        return options->has_at = option_vector("at", value, options->camera.at, error);
     case OPTION_UP:
-        return options->has_up = parse_vector("up", value, options->camera.up, error);
+        return options->has_up = option_vector("up", value, options->camera.up, error);
     case OPTION_FOV:
-        if (!parse_number("fov", value, 1e-3, 178.999, &number, error))
+        if (!option_number("fov", value, 1e-3, 178.999, &number, error))
             return false;
         options->fov = (float)number;
         return true;
@@ -298,14 +235,14 @@ static bool parse_one(struct record_options *options, int option, const char *va
     case OPTION_SET:
         return parse_setting(value, options, error);
     case OPTION_FRAMES:
-        return parse_count("frames", value, 1, &options->frames, error);
+        return option_count("frames", value, 1, &options->frames, error);
     case OPTION_WARMUP:
-        return parse_count("warmup", value, 0, &options->warmup, error);
+        return option_count("warmup", value, 0, &options->warmup, error);
     case OPTION_TIME:
         options->has_time = true;
-        return parse_number("time", value, -1e9, 1e9, &options->time, error);
+        return option_number("time", value, -1e9, 1e9, &options->time, error);
     case OPTION_FPS:
-        return parse_number("fps", value, 0, 1e6, &options->rate, error);
+        return option_number("fps", value, 0, 1e6, &options->rate, error);
     case OPTION_OUT:
         options->folder = value;
         return *value || error_set(error, STATUS_INVALID, "--out: needs the name of a folder");
@@ -317,7 +254,7 @@ static bool parse_one(struct record_options *options, int option, const char *va
         return true;
     case OPTION_EXPOSURE:
         options->has_exposure = true;
-        return parse_number("exposure", value, -64, 64, &options->exposure, error);
+        return option_number("exposure", value, -64, 64, &options->exposure, error);
     case OPTION_QUIET:
         options->quiet = true;
         return true;

@@ -3,16 +3,13 @@
 #define CAUSTIC_RECORD_OPTIONS_H
 
 #include "../../protocol/protocol.h"
+#include "../lib/option_value.h"
 
 #define RECORD_MAX_SETTINGS 128u
 
 struct record_light {
     char name[PROTOCOL_MAX_TEXT_BYTES + 1];
     struct protocol_view_light change; /* view and light are filled in once the server is known */
-};
-
-struct record_setting {
-    char name[64], value[64];
 };
 
 struct record_options {
@@ -27,7 +24,7 @@ struct record_options {
     double time, rate; /* seconds; frames per second, 0: time stands still */
     bool has_time;
     struct record_light lights[PROTOCOL_MAX_LIGHTS];
-    struct record_setting settings[RECORD_MAX_SETTINGS];
+    struct option_setting settings[RECORD_MAX_SETTINGS];
     uint32_t light_count, setting_count;
     const char *channels; /* caustics,irradiance,beauty */
     const char *folder;   /* out */
