@@ -1,14 +1,13 @@
 /* caustic-record: a camera path in, EXR frames and statistics out. See options.c for what it can do. */
-#include <errno.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/stat.h>
 
 #include "../lib/camera_path.h"
+#include "../lib/folder.h"
+#include "../lib/progress.h"
 #include "options.h"
 #include "pictures.h"
-#include "progress.h"
 #include "report.h"
 
 struct recording {
@@ -29,29 +28,6 @@ static bool explain(struct error *error, const char *prefix)
 {
     struct error inner = *error;
     return error_set(error, inner.status, "%.150s: %.350s", prefix, inner.message);
-}
-
-static bool make_folder(const char *folder, struct error *error)
-{
-    char path[4000];
-    if (strlen(folder) >= sizeof path)
-        return error_set(error, STATUS_INVALID, "--out %.100s...: the name is too long", folder);
-    memcpy(path, folder, strlen(folder) + 1);
-    for (char *at = path + 1;; at++) {
-        if (*at && *at != '/')
-            continue;
-        char end = *at;
-        *at = 0;
-        if (mkdir(path, 0777) < 0 && errno != EEXIST)
-            return error_set(error, STATUS_IO, "--out %.300s: %s", path, strerror(errno));
-        *at = end;
-        if (!end)
-            break;
-    }
-    struct stat status;
-    if (stat(path, &status) < 0 || !S_ISDIR(status.st_mode))
-        return error_set(error, STATUS_IO, "--out %.300s: is no folder", path);
-    return true;
 }
 
 static bool choose_channels(struct recording *recording, struct error *error)
@@ -168,8 +144,8 @@ static bool set_up(struct recording *recording, struct error *error)
         return explain(error, "--eye, --at, --up");
     if (options->camera_name && !follow_camera(recording, error))
         return false;
-    if (!make_folder(options->folder, error))
-        return false;
+    if (!folder_make(options->folder, error))
+        return explain(error, "--out");
     recording->pictures.hello = recording->hello;
     recording->pictures.folder = options->folder;
     recording->pictures.notes = recording->notes;

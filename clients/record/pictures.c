@@ -1,49 +1,15 @@
 #include "pictures.h"
 
-#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "../../core/image/image_io.h"
+#include "../lib/tone.h"
 
-#define MIDDLE_GREY 0.22 /* linear; sRGB 128 */
-#define MAX_PLANES  64u
-#define MAX_NOTES   (PROTOCOL_MAX_SETTINGS + 24u)
-#define PATH_SIZE   4096u
-
-uint8_t pictures_tone(float value, double exposure)
-{
-    if (!(value > 0))
-        return 0;
-    double linear = 1 - exp(-exp2(exposure) * (double)value);
-    double encoded = linear <= 0.0031308 ? 12.92 * linear : 1.055 * pow(linear, 1 / 2.4) - 0.055;
-    return (uint8_t)(encoded * 255 + 0.5);
-}
-
-static int compare_floats(const void *a, const void *b)
-{
-    float x = *(const float *)a, y = *(const float *)b;
-    return (x > y) - (x < y);
-}
-
-double pictures_exposure(const float *values, size_t pixel_count)
-{
-    float *lit = malloc(pixel_count * sizeof *lit);
-    size_t count = 0;
-    for (size_t i = 0; lit && i < pixel_count; i++) {
-        float luminance = 0.2126f * values[i * 3] + 0.7152f * values[i * 3 + 1] + 0.0722f * values[i * 3 + 2];
-        if (luminance > 1e-12f && isfinite(luminance))
-            lit[count++] = luminance;
-    }
-    double exposure = 0;
-    if (count) {
-        qsort(lit, count, sizeof *lit, compare_floats);
-        exposure = log2(-log(1 - MIDDLE_GREY) / lit[count / 2]);
-    }
-    free(lit);
-    return exposure;
-}
+#define MAX_PLANES 64u
+#define MAX_NOTES  (PROTOCOL_MAX_SETTINGS + 24u)
+#define PATH_SIZE  4096u
 
 /* ---- EXR ---------------------------------------------------------------------------------------------- */
 
@@ -225,7 +191,7 @@ static bool write_png(struct pictures *pictures, const struct client_frame *fram
     const struct protocol_channel *channel = &frame->info.channels[index];
     const float *values = frame->values[index];
     size_t pixel_count = (size_t)channel->width * channel->height;
-    double exposure = pictures->has_exposure ? pictures->exposure : pictures_exposure(values, pixel_count);
+    double exposure = pictures->has_exposure ? pictures->exposure : tone_exposure(values, pixel_count);
     if (exposure != 0 && !pictures->has_exposure) {
         pictures->has_exposure = true;
         pictures->exposure = exposure;
@@ -235,7 +201,7 @@ static bool write_png(struct pictures *pictures, const struct client_frame *fram
         return error_set(error, STATUS_MEMORY, "no memory for a picture of %ux%u pixels", channel->width,
                          channel->height);
     for (size_t i = 0; i < pixel_count * 3; i++)
-        pixels[i] = pictures_tone(values[i], exposure);
+        pixels[i] = tone_byte(values[i], exposure);
     char path[PATH_SIZE];
     snprintf(path, sizeof path, "%s/frame_%04u.png", pictures->folder, number);
     bool is_written = image_write_png(path, channel->width, channel->height, 3, pixels, error);

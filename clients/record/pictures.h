@@ -26,10 +26,4 @@ struct pictures {
 bool pictures_write(struct pictures *pictures, const struct client_frame *frame, uint32_t number,
                     struct error *error);
 
-/* The stops that bring the median of the lit pixels to a middle grey; 0 for a black picture. RGB. */
-double pictures_exposure(const float *values, size_t pixel_count);
-
-/* 8-bit sRGB of 1 - exp(-2^exposure * value); NaN and negative values are black. */
-uint8_t pictures_tone(float value, double exposure);
-
 #endif

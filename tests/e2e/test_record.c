@@ -298,7 +298,7 @@ static void failures_exit_1_and_name_the_option(void **state)
         {"--channels beauty,,depth", "--channels", FAKE_HONEST},
         {"--channels colour", "beauty, depth, density", FAKE_HONEST},
         {"--path missing.json", "missing.json", FAKE_HONEST},
-        {"--channels beauty --out socket", "--out socket", FAKE_HONEST},
+        {"--channels beauty --out socket", "--out: socket", FAKE_HONEST},
         {"--channels depth --png", "--png needs beauty", FAKE_HONEST},
         {"--channels beauty", "frame 0: the server closed", FAKE_CLOSES_IN_FRAME},
         {"--channels beauty", "enough clients", FAKE_REFUSES},

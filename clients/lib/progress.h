@@ -1,6 +1,6 @@
 /* progress.h: a bar with the time left, on a terminal only. */
-#ifndef CAUSTIC_RECORD_PROGRESS_H
-#define CAUSTIC_RECORD_PROGRESS_H
+#ifndef CAUSTIC_PROGRESS_H
+#define CAUSTIC_PROGRESS_H
 
 #include <stdbool.h>
 #include <stdint.h>
