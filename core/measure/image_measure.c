@@ -1,6 +1,7 @@
 #include "image_measure.h"
 
 #include <math.h>
+#include <stdbool.h>
 #include <stdlib.h>
 
 static size_t value_count(const struct measure_image *image)
@@ -13,6 +14,18 @@ size_t measure_non_finite(const struct measure_image *image)
     size_t count = 0;
     for (size_t i = 0; i < value_count(image); i++)
         count += isfinite(image->values[i]) ? 0 : 1;
+    return count;
+}
+
+size_t measure_non_finite_pixels(const struct measure_image *image)
+{
+    size_t count = 0, pixels = (size_t)image->width * image->height;
+    for (size_t i = 0; i < pixels; i++) {
+        bool is_finite = true;
+        for (uint32_t c = 0; c < image->components; c++)
+            is_finite = is_finite && isfinite(image->values[i * image->components + c]);
+        count += is_finite ? 0 : 1;
+    }
     return count;
 }
 
@@ -55,6 +68,86 @@ double measure_relative_rmse(const struct measure_image *image, const struct mea
     for (size_t i = 0; i < value_count(reference); i++)
         total += (double)reference->values[i] * (double)reference->values[i];
     return sqrt(ratio(squared_difference(image, reference), total));
+}
+
+double measure_relmse(const struct measure_image *image, const struct measure_image *reference,
+                      double epsilon)
+{
+    size_t count = value_count(image);
+    double sum = 0;
+    for (size_t i = 0; i < count; i++) {
+        double truth = (double)reference->values[i], difference = (double)image->values[i] - truth;
+        sum += difference * difference / (truth * truth + epsilon);
+    }
+    return count ? sum / (double)count : 0;
+}
+
+double measure_flux(const struct measure_image *image, const struct measure_image *reference)
+{
+    double sum = 0, truth = 0;
+    for (size_t i = 0; i < value_count(image); i++) {
+        sum += (double)image->values[i];
+        truth += (double)reference->values[i];
+    }
+    return truth == 0 && sum != 0 ? copysign(INFINITY, sum) : ratio(sum - truth, truth);
+}
+
+double measure_luminance(const struct measure_image *image, size_t index)
+{
+    const float *value = image->values + index * image->components;
+    if (image->components < 3)
+        return (double)value[0];
+    return 0.2126 * (double)value[0] + 0.7152 * (double)value[1] + 0.0722 * (double)value[2];
+}
+
+/* A pixel is above factor * median of 49 exactly when it is above factor * at least 25 of them: no sorting.
+ */
+size_t measure_fireflies(const struct measure_image *image, const struct measure_image *reference,
+                         double factor, double floor, uint8_t *map)
+{
+    enum { RADIUS = 3, SIDE = 2 * RADIUS + 1, MAJORITY = SIDE * SIDE / 2 + 1 };
+    uint32_t width = image->width, height = image->height;
+    if (!width || !height)
+        return 0;
+    size_t stride = (size_t)width + 2 * RADIUS, total = 0;
+    float *bars = malloc(stride * height * sizeof *bars); /* factor * reference, its sides repeated */
+    float *values = malloc(width * sizeof *values);
+    uint8_t *passed = malloc(width);
+    if (!bars || !values || !passed)
+        total = SIZE_MAX;
+    for (uint32_t y = 0; !total && y < height; y++) {
+        float *row = bars + y * stride + RADIUS;
+        for (uint32_t x = 0; x < width; x++)
+            row[x] = (float)(factor * measure_luminance(reference, (size_t)y * width + x));
+        for (uint32_t i = 1; i <= RADIUS; i++) {
+            *(row - i) = row[0];
+            row[width - 1 + i] = row[width - 1];
+        }
+    }
+    for (uint32_t y = 0; total != SIZE_MAX && y < height; y++) {
+        for (uint32_t x = 0; x < width; x++) {
+            values[x] = (float)measure_luminance(image, (size_t)y * width + x);
+            passed[x] = 0;
+        }
+        for (uint32_t j = 0; j < SIDE; j++) {
+            uint32_t near = y + j < RADIUS ? 0 : y + j - RADIUS < height ? y + j - RADIUS : height - 1;
+            for (uint32_t i = 0; i < SIDE; i++) {
+                const float *bar = bars + near * stride + i;
+                for (uint32_t x = 0; x < width; x++)
+                    passed[x] = (uint8_t)(passed[x] + (values[x] > bar[x] ? 1 : 0));
+            }
+        }
+        for (uint32_t x = 0; x < width; x++) {
+            bool is_firefly = passed[x] >= MAJORITY && (double)values[x] > floor;
+            total += is_firefly;
+            if (map)
+                map[(size_t)y * width + x] = is_firefly;
+        }
+    }
+    free(bars);
+    free(values);
+    free(passed);
+    return total;
 }
 
 double measure_sum(const struct measure_image *image, uint32_t component, const double *weights)
