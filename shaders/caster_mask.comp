@@ -27,7 +27,7 @@ bool cone_meets(vec3 apex, vec3 axis, float half_angle, vec3 middle, float radiu
     float distance = length(offset);
     if (distance <= radius * 1.0001)
         return true;
-    float angle = acos(clamp(dot(offset, axis) / distance, -1.0, 1.0));
+    float angle = angle_between(offset / distance, axis);
     return angle <= half_angle + asin(min(radius / distance, 1.0)) + 1e-5;
 }
 
@@ -53,20 +53,20 @@ void main()
                                0.5 * (boxes[i].maximum.xyz - boxes[i].minimum.xyz));
     } else {
         vec3 axis = tile_direction(light.map, light.tile_x, light.tile_y, light.tile_z, corner + 0.5 * size);
-        float cosine = 1.0;
+        float half_angle = 0.0;
         for (uint k = 0u; k < 4u; k++)
-            cosine = min(cosine, dot(axis, tile_direction(light.map, light.tile_x, light.tile_y, light.tile_z,
-                                                          corner + size * vec2(float(k & 1u), float(k >> 1)))));
+            half_angle = max(half_angle, angle_between(axis, tile_direction(light.map, light.tile_x, light.tile_y, light.tile_z,
+                                                                            corner + size * vec2(float(k & 1u), float(k >> 1)))));
         // the maps bend a cell's sides outward a little between its corners
-        float half_angle = acos(clamp(cosine, -1.0, 1.0)) * 1.05;
+        half_angle *= 1.05;
         for (uint i = 0u; i < frame.caster_box_count && !meets; i++) {
             vec3 half_box = 0.5 * (boxes[i].maximum.xyz - boxes[i].minimum.xyz);
             meets = cone_meets(light.position.xyz, axis, half_angle, boxes[i].minimum.xyz + half_box, length(half_box));
         }
         if (has(FEATURE_SPOT) && light.type == LIGHT_TYPE_SPOT)
-            meets = meets && acos(clamp(dot(axis, light.direction.xyz), -1.0, 1.0)) <= acos(light.position.w) + half_angle;
+            meets = meets && angle_between(axis, light.direction.xyz) <= 2.0 * asin(sqrt(0.5 * light.position.w)) + half_angle + 1e-6;
         if (has(FEATURE_SPOT) && light.type == LIGHT_TYPE_COSINE)
-            meets = meets && acos(clamp(dot(axis, light.direction.xyz), -1.0, 1.0)) <= PI / 2.0 + half_angle;
+            meets = meets && angle_between(axis, light.direction.xyz) <= PI / 2.0 + half_angle;
     }
     mask[cell] = meets || (frame.flags & FLAG_CASTER_MASK) == 0u ? 1u : 0u;
 }

@@ -152,17 +152,30 @@ emission light_emit(light_gpu light, vec2 uv)
     return e;
 }
 
+// 1 - cosine of the angle between unit vectors, and the angle itself. The cosine of a small angle has no digits left:
+// 0.02 degrees are its last bit.
+float one_minus_cosine(vec3 a, vec3 b)
+{
+    vec3 chord = a - b;
+    return 0.5 * dot(chord, chord);
+}
+
+float angle_between(vec3 a, vec3 b)
+{
+    return 2.0 * asin(min(sqrt(0.5 * one_minus_cosine(a, b)), 1.0));
+}
+
 // Share of the intensity that goes this way (unit, away from the light): 1, the spot's fall-off (glTF
-// KHR_lights_punctual), or the cosine of a patch.
+// KHR_lights_punctual, but without its least width of 0.001 in the cosine, which blackens beams under a degree), or the
+// cosine of a patch.
 float light_falloff(light_gpu light, vec3 direction)
 {
     if (!has(FEATURE_SPOT) || light.type == LIGHT_TYPE_POINT || light.type == LIGHT_TYPE_DIRECTIONAL)
         return 1.0;
-    float cosine = dot(direction, light.direction.xyz);
     if (light.type == LIGHT_TYPE_COSINE)
-        return max(cosine, 0.0);
+        return max(dot(direction, light.direction.xyz), 0.0);
     float outer = light.position.w, inner = light.direction.w;
-    float t = clamp((cosine - outer) / max(inner - outer, 1e-3), 0.0, 1.0);
+    float t = clamp((outer - one_minus_cosine(direction, light.direction.xyz)) / max(outer - inner, 1e-3 * outer), 0.0, 1.0);
     return t * t;
 }
 

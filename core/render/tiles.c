@@ -49,32 +49,45 @@ static void box_corner(const struct caster_box *box, int corner, float p[3])
     p[2] = corner & 4 ? box->maximum.z : box->minimum.z;
 }
 
-/* Smallest cosine between `axis` and the corners of all boxes seen from `apex`; the corner's direction in
- * `farthest`. -1 when the apex is inside a box. */
+/* 1 - cosine: a small angle keeps its digits. */
+static float height_of(float half_angle)
+{
+    float s = sinf(0.5f * half_angle);
+    return 2 * s * s;
+}
+
+static float half_angle_of(float height)
+{
+    return 2 * asinf(sqrtf(fminf(1, 0.5f * height)));
+}
+
+/* Largest 1 - cosine between `axis` and the corners of all boxes seen from `apex`; the corner's direction in
+ * `farthest`. 2 when the apex is inside a box. */
 static float widest_corner(const struct renderer *renderer, const float apex[3], const float axis[3],
                            float farthest[3])
 {
-    float least = 2;
+    float largest = -1;
     for (uint32_t i = 0; i < renderer->caster_box_count; i++) {
         const struct caster_box *box = &renderer->caster_boxes[i];
         if (apex[0] >= box->minimum.x && apex[0] <= box->maximum.x && apex[1] >= box->minimum.y &&
             apex[1] <= box->maximum.y && apex[2] >= box->minimum.z && apex[2] <= box->maximum.z)
-            return -1;
+            return 2;
         for (int corner = 0; corner < 8; corner++) {
             float d[3];
             box_corner(box, corner, d);
             for (int k = 0; k < 3; k++)
                 d[k] -= apex[k];
             if (!normalise(d))
-                return -1;
-            float cosine = dot3(d, axis);
-            if (cosine < least) {
-                least = cosine;
+                return 2;
+            const float chord[3] = {d[0] - axis[0], d[1] - axis[1], d[2] - axis[2]};
+            float height = 0.5f * dot3(chord, chord);
+            if (height > largest) {
+                largest = height;
                 memcpy(farthest, d, sizeof d);
             }
         }
     }
-    return least;
+    return largest;
 }
 
 /* A nearly smallest cone around the casters: the axis moves toward the farthest corner by ever smaller steps
@@ -93,13 +106,13 @@ static float fit_cone(const struct renderer *renderer, const float apex[3], floa
     }
     if (!normalise(sum))
         return PI_F;
-    float best = -2;
+    float best = 3;
     for (int step = 0; step < CAP_STEPS; step++) {
-        float cosine = widest_corner(renderer, apex, sum, farthest);
-        if (cosine <= -1)
+        float height = widest_corner(renderer, apex, sum, farthest);
+        if (height >= 2)
             return PI_F;
-        if (cosine > best) {
-            best = cosine;
+        if (height < best) {
+            best = height;
             memcpy(axis, sum, sizeof sum);
         }
         float weight = 1.0f / (float)(step + 2);
@@ -108,7 +121,7 @@ static float fit_cone(const struct renderer *renderer, const float apex[3], floa
         if (!normalise(sum))
             break;
     }
-    return acosf(fmaxf(-1, fminf(1, best)));
+    return half_angle_of(best);
 }
 
 static void set_cap(struct light_tile *tile, const float axis[3], float half_angle)
@@ -116,9 +129,7 @@ static void set_cap(struct light_tile *tile, const float axis[3], float half_ang
     tile->map = TILE_CAP;
     memcpy(tile->z, axis, sizeof tile->z);
     frame_about(tile->z, tile->x, tile->y);
-    /* 1 - cos without cancellation */
-    float s = sinf(0.5f * half_angle);
-    tile->height = 2 * s * s;
+    tile->height = height_of(half_angle);
     tile->measure = 2 * PI_F * tile->height;
 }
 
@@ -132,17 +143,12 @@ static void set_sphere(struct light_tile *tile)
     tile->measure = 4 * PI_F;
 }
 
-static float cap_half_angle(const struct light_tile *tile)
-{
-    return 2 * asinf(sqrtf(fminf(1, 0.5f * tile->height)));
-}
-
 /* The tile of a light with a position. */
 static void fit_directions(const struct view *view, const struct light_gpu *light, struct light_tile *tile)
 {
     const float apex[3] = {light->position.x, light->position.y, light->position.z};
     const float direction[3] = {light->direction.x, light->direction.y, light->direction.z};
-    float cone = light->type == LIGHT_TYPE_SPOT     ? acosf(light->position.w)
+    float cone = light->type == LIGHT_TYPE_SPOT     ? half_angle_of(light->position.w)
                  : light->type == LIGHT_TYPE_COSINE ? PI_F / 2
                                                     : PI_F;
     struct light_tile old = *tile;
@@ -157,8 +163,8 @@ static void fit_directions(const struct view *view, const struct light_gpu *ligh
     else {
         float unused[3];
         bool holds = old.is_valid && old.map == TILE_CAP &&
-                     widest_corner(view->renderer, apex, old.z, unused) >= 1 - old.height &&
-                     cap_half_angle(&old) <= CAP_TOO_LARGE * wanted;
+                     widest_corner(view->renderer, apex, old.z, unused) <= old.height &&
+                     half_angle_of(old.height) <= CAP_TOO_LARGE * wanted;
         if (!holds)
             set_cap(tile, axis, wanted);
     }
@@ -240,8 +246,8 @@ static void describe_light(const struct view *view, uint32_t index, struct light
                   : source->type == LIGHT_DIRECTIONAL                    ? LIGHT_TYPE_DIRECTIONAL
                   : source->type == LIGHT_SPOT                           ? LIGHT_TYPE_SPOT
                                                                          : LIGHT_TYPE_POINT;
-    put_vec4(&light->position, position, cosf(source->outer_cone));
-    put_vec4(&light->direction, direction, cosf(source->inner_cone));
+    put_vec4(&light->position, position, height_of(source->outer_cone));
+    put_vec4(&light->direction, direction, height_of(source->inner_cone));
     put_vec4(&light->intensity, intensity, intensity[0] + intensity[1] + intensity[2]);
 }
 

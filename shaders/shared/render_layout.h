@@ -76,8 +76,8 @@ SHARED_SIZE(material_gpu, 80);
 #define TILE_RECT   2 /* rectangle across a directional light's beam */
 
 struct light_gpu {
-    vec4 position;    /* w: cosine of the spot's outer cone */
-    vec4 direction;   /* way the light travels; w: cosine of the inner cone */
+    vec4 position;    /* w: 1 - cosine of the spot's outer cone, which keeps the digits of a narrow one */
+    vec4 direction;   /* way the light travels; w: 1 - cosine of the inner cone */
     vec4 intensity;   /* rgb; w: sum of the channels */
     vec4 tile_x;      /* tile frame, unit; w: half width of a TILE_RECT, m */
     vec4 tile_y;      /* w: half height of a TILE_RECT, m */

@@ -24,7 +24,8 @@ static int tear_down(void **state)
     return 0;
 }
 
-/* What a ray carries of the intensity: KHR_lights_punctual for spots, the cosine of a patch. */
+/* What a ray carries of the intensity: KHR_lights_punctual for spots, its edge at least a thousandth of the
+ * cone; the cosine of a patch. */
 static double falloff(const struct light_gpu *light, struct vector d)
 {
     double cosine = vector_dot(d, vector_of(light->direction));
@@ -32,8 +33,8 @@ static double falloff(const struct light_gpu *light, struct vector d)
         return fmax(cosine, 0);
     if (light->type != LIGHT_TYPE_SPOT)
         return 1;
-    double outer = (double)light->position.w, inner = (double)light->direction.w;
-    double scale = 1 / fmax(0.001, inner - outer), offset = -outer * scale;
+    double outer = 1 - (double)light->position.w, inner = 1 - (double)light->direction.w;
+    double scale = 1 / fmax(1e-3 * (1 - outer), inner - outer), offset = -outer * scale;
     double attenuation = fmin(fmax(cosine * scale + offset, 0), 1);
     return attenuation * attenuation;
 }
@@ -43,11 +44,11 @@ static double falloff(const struct light_gpu *light, struct vector d)
 static struct light_gpu light_of(uint32_t type, uint32_t map, struct vector axis, double half_angle)
 {
     struct light_gpu light = {.type = type, .map = map};
-    light.position = (vec4){0.7f, 2.5f, -1.25f, (float)cos(half_angle)};
+    light.position = (vec4){0.7f, 2.5f, -1.25f, (float)(1 - cos(half_angle))};
     light.intensity = (vec4){3, 5, 0.5f, 8.5f};
     tile_set_frame(&light, axis);
     double height = 2 * pow(sin(0.5 * half_angle), 2);
-    light.direction.w = (float)cos(0.6 * half_angle);
+    light.direction.w = (float)(1 - cos(0.6 * half_angle));
     light.tile_z.w = (float)height;
     light.tile_origin.w = (float)(map == TILE_CAP ? 2 * PI * height : 4 * PI);
     return light;
@@ -260,7 +261,7 @@ static void spots_fall_off(void **state)
     struct light_gpu spot = light_of(LIGHT_TYPE_SPOT, TILE_CAP, (struct vector){0.1, -1, 0.2}, 0.7);
     check_directions("spot", &spot, 1e-4);
     struct light_gpu sharp = spot;
-    sharp.direction.w = sharp.position.w + 1e-5f; /* inner and outer cone all but the same */
+    sharp.direction.w = sharp.position.w - 1e-5f; /* inner and outer cone all but the same */
     check_directions("sharp spot", &sharp, 1e-4);
 
     /* integrals over the whole tile: the spot's t^2 in cos, and pi for a patch */
@@ -463,8 +464,8 @@ static void the_mask_misses_nothing(void **state)
         struct light_gpu wide = light_of(LIGHT_TYPE_POINT, TILE_CAP, axis, 1.9);
         check_mask("wide cap", &wide, cells);
         struct light_gpu spot = light_of(LIGHT_TYPE_SPOT, TILE_CAP, axis, 0.9);
-        spot.position.w = cosf(0.4f); /* a cone narrower than the tile */
-        spot.direction.w = cosf(0.3f);
+        spot.position.w = 1 - cosf(0.4f); /* a cone narrower than the tile */
+        spot.direction.w = 1 - cosf(0.3f);
         check_mask("spot", &spot, cells);
         struct light_gpu patch = light_of(LIGHT_TYPE_COSINE, TILE_CAP, axis, 1.5);
         check_mask("patch", &patch, cells);

@@ -27,25 +27,30 @@ static uint32_t add_material(struct scene_builder *builder, const struct truth_p
     return scene_builder_material(builder, &material);
 }
 
+uint32_t truth_aimed_node(struct scene_builder *builder, const char *name, const double position[3],
+                          const double direction[3])
+{
+    struct scene_node node = scene_node_default(name, SCENE_NONE);
+    struct vec3 along = vec3_make(direction[0], direction[1], direction[2]);
+    struct vec3 back = vec3_unit(vec3_scale(along, -1), vec3_make(0, 1, 0));
+    struct vec3 right = vec3_unit(vec3_cross(vec3_make(0, 1, 0), back), vec3_make(1, 0, 0));
+    node.has_matrix = true;
+    vec3_store(node.matrix, right);
+    vec3_store(node.matrix + 4, vec3_cross(back, right));
+    vec3_store(node.matrix + 8, back);
+    vec3_store(node.matrix + 12, vec3_make(position[0], position[1], position[2]));
+    node.matrix[15] = 1;
+    return scene_builder_node(builder, &node);
+}
+
 static void add_light(struct scene_builder *builder, const struct truth_params *params)
 {
-    struct scene_node node = scene_node_default("light", SCENE_NONE);
-    struct vec3 light = vec3_make(params->light[0], params->light[1], params->light[2]);
-    if (params->is_directional) { /* the node's -Z looks along the light */
-        struct vec3 back = vec3_unit(vec3_scale(light, -1), vec3_make(0, 1, 0));
-        struct vec3 right = vec3_unit(vec3_cross(vec3_make(0, 1, 0), back), vec3_make(1, 0, 0));
-        node.has_matrix = true;
-        vec3_store(node.matrix, right);
-        vec3_store(node.matrix + 4, vec3_cross(back, right));
-        vec3_store(node.matrix + 8, back);
-        node.matrix[15] = 1;
-    } else {
-        vec3_store(node.translation, light);
-    }
+    static const double origin[3] = {0, 0, 0}, down[3] = {0, -1, 0};
     struct scene_light source = {.type = params->is_directional ? LIGHT_DIRECTIONAL : LIGHT_POINT};
     scene_name_copy(source.name, "light");
     vec3_store(source.intensity, vec3_make(params->intensity, params->intensity, params->intensity));
-    source.node = scene_builder_node(builder, &node);
+    source.node = params->is_directional ? truth_aimed_node(builder, "light", origin, params->light)
+                                         : truth_aimed_node(builder, "light", params->light, down);
     scene_builder_light(builder, &source);
 }
 
@@ -101,18 +106,26 @@ void truth_set(struct truth *truth, const char *text)
 void truth_open(struct truth *truth, const struct truth_params *params)
 {
     struct error error = {0};
-    *truth = (struct truth){.camera = params->camera, .width = params->width, .height = params->height_px};
-    truth->scene = make_scene(params, &error);
-    if (truth->scene)
-        truth->gpu = gpu_create(&(struct gpu_params){0}, &error);
+    struct scene *scene = make_scene(params, &error);
+    if (!scene)
+        fail_msg("%s", error.message);
+    truth_open_scene(truth, scene, &params->camera, params->width, params->height_px, params->settings);
+}
+
+void truth_open_scene(struct truth *truth, struct scene *scene, const struct view_camera *camera,
+                      uint32_t width, uint32_t height, const char *settings)
+{
+    struct error error = {0};
+    *truth = (struct truth){.scene = scene, .camera = *camera, .width = width, .height = height};
+    truth->gpu = gpu_create(&(struct gpu_params){0}, &error);
     if (truth->gpu)
         truth->renderer =
             renderer_create(&(struct renderer_params){.gpu = truth->gpu, .scene = truth->scene}, &error);
     if (truth->renderer)
-        truth->view = view_create(truth->renderer, params->width, params->height_px, &error);
+        truth->view = view_create(truth->renderer, width, height, &error);
     if (!truth->view || !view_set_camera(truth->view, &truth->camera, &error))
         fail_msg("%s", error.message);
-    truth_set(truth, params->settings);
+    truth_set(truth, settings);
 }
 
 void truth_close(struct truth *truth)

@@ -4,7 +4,7 @@
 #define TEST_TRUTH_H
 
 #include "core/render/renderer.h"
-#include "core/scene/scene.h"
+#include "core/scene/scene_builder.h"
 
 /* A white floor of `floor_side` metres at y = 0 around the origin, one caster and one light. */
 enum truth_caster {
@@ -38,7 +38,13 @@ struct truth {
 
 /* These fail the test that calls them when something goes wrong. */
 void truth_open(struct truth *truth, const struct truth_params *params);
+/* The same with a scene of the caller's, which truth_close destroys. */
+void truth_open_scene(struct truth *truth, struct scene *scene, const struct view_camera *camera,
+                      uint32_t width, uint32_t height, const char *settings);
 void truth_close(struct truth *truth);
+/* A node whose -Z looks along `direction`. */
+uint32_t truth_aimed_node(struct scene_builder *builder, const char *name, const double position[3],
+                          const double direction[3]);
 /* Settings as in truth_params. */
 void truth_set(struct truth *truth, const char *settings);
 /* Renders `frames` frames; the last one's result. */
