@@ -72,6 +72,11 @@ static void print_light(const struct scene_light *light, const struct pose_light
            light->is_emissive_mesh ? "emissive mesh" : types[light->type], (double)light->intensity[0],
            (double)light->intensity[1], (double)light->intensity[2],
            light->type == LIGHT_DIRECTIONAL ? "W/m^2" : "W/sr");
+    if (light->shape == LIGHT_SHAPE_SPHERE)
+        printf(", a sphere of radius %.4g m", (double)light->half_size[0]);
+    else if (light->shape != LIGHT_SHAPE_POINT)
+        printf(", a %s of %.4g x %.4g m", light->shape == LIGHT_SHAPE_DISK ? "disk" : "rectangle",
+               2 * (double)light->half_size[0], 2 * (double)light->half_size[1]);
     if (light->type != LIGHT_DIRECTIONAL)
         printf(", at %.4g %.4g %.4g", (double)place->position[0], (double)place->position[1],
                (double)place->position[2]);

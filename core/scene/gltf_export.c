@@ -203,6 +203,8 @@ static void pack_lights(const struct scene *scene, json_t *root, json_t *const *
             json_object_set_new(object, "spot",
                                 json_pack("{s:f, s:f}", "innerConeAngle", (double)light->inner_cone,
                                           "outerConeAngle", (double)light->outer_cone));
+        if (light->shape != LIGHT_SHAPE_POINT)
+            json_object_set_new(object, "extras", json_pack("{s:f}", "radius", (double)light->half_size[0]));
         json_object_set_new(member(nodes[light->node], "extensions", false), "KHR_lights_punctual",
                             json_pack("{s:I}", "light", (json_int_t)json_array_size(list)));
         json_array_append_new(list, object);

@@ -165,6 +165,33 @@ static void add_nodes(importer &in)
 
 /* ---- lights and cameras ------------------------------------------------------------------------------- */
 
+/* `extras.radius` of the light, or of the node that holds it, which goes before: a sphere of a point light, a
+ * disk of a spot light. */
+static void read_radius(importer &in, size_t node, const tinygltf::Light &source, const std::string &what,
+                        scene_light &light)
+{
+    tinygltf::Value value;
+    for (const tinygltf::Value *extras : {&source.extras, &in.model().nodes[node].extras})
+        if (extras->IsObject() && extras->Has("radius"))
+            value = extras->Get("radius");
+    if (value.Type() == tinygltf::NULL_TYPE)
+        return;
+    if (!value.IsNumber() || light.type == LIGHT_DIRECTIONAL) {
+        scene_builder_warn(in.builder, "%s: its radius is ignored, %s", what.c_str(),
+                           value.IsNumber() ? "a directional light has none" : "it is no number");
+        return;
+    }
+    double radius = value.GetNumberAsDouble();
+    double inside = radius >= 0 ? std::fmin(radius, SCENE_MAX_LIGHT_RADIUS) : 0;
+    if (inside != radius)
+        scene_builder_warn(in.builder, "%s: its radius is %g; %g is used, the nearest it may be",
+                           what.c_str(), radius, inside);
+    if (!((float)inside > 0))
+        return;
+    light.shape = light.type == LIGHT_POINT ? LIGHT_SHAPE_SPHERE : LIGHT_SHAPE_DISK;
+    light.half_size[0] = light.half_size[1] = (float)inside;
+}
+
 static void add_light(importer &in, size_t node, int index)
 {
     const tinygltf::Model &model = in.model();
@@ -203,6 +230,7 @@ static void add_light(importer &in, size_t node, int index)
         if (!(light.inner_cone < light.outer_cone))
             light.inner_cone = std::nextafter(light.outer_cone, 0.0f);
     }
+    read_radius(in, node, source, what, light);
     if (source.range > 0)
         scene_builder_warn(in.builder, "%s: its range is ignored, its light never ends", what.c_str());
     scene_builder_light(in.builder, &light);

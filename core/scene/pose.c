@@ -208,7 +208,11 @@ static struct vec3 column(const struct affine *a, int index)
 static void place_light(const struct affine *world, struct pose_light *light)
 {
     vec3_store(light->position, column(world, 3));
-    vec3_store(light->direction, vec3_unit(vec3_scale(column(world, 2), -1), vec3_make(0, 0, -1)));
+    struct vec3 direction = vec3_unit(vec3_scale(column(world, 2), -1), vec3_make(0, 0, -1));
+    struct vec3 across = fabs(direction.x) < 0.9 ? vec3_make(1, 0, 0) : vec3_make(0, 1, 0);
+    vec3_store(light->direction, direction);
+    vec3_store(light->side, vec3_unit(vec3_across(column(world, 0), direction),
+                                      vec3_unit(vec3_across(across, direction), across)));
 }
 
 static void place_camera(const struct affine *world, struct pose_camera *camera)
@@ -216,10 +220,9 @@ static void place_camera(const struct affine *world, struct pose_camera *camera)
     struct vec3 forward = vec3_unit(vec3_scale(column(world, 2), -1), vec3_make(0, 0, -1));
     struct vec3 up = column(world, 1);
     /* A scaled or sheared node: up is what remains of its y axis across the view. */
-    up = vec3_sub(up, vec3_scale(forward, vec3_dot(up, forward)));
+    up = vec3_across(up, forward);
     struct vec3 across = fabs(forward.y) < 0.9 ? vec3_make(0, 1, 0) : vec3_make(0, 0, -1);
-    across = vec3_sub(across, vec3_scale(forward, vec3_dot(across, forward)));
-    up = vec3_unit(up, vec3_unit(across, vec3_make(0, 1, 0)));
+    up = vec3_unit(up, vec3_unit(vec3_across(across, forward), vec3_make(0, 1, 0)));
     vec3_store(camera->eye, column(world, 3));
     vec3_store(camera->forward, forward);
     vec3_store(camera->up, up);

@@ -89,6 +89,15 @@ struct scene_instance {
 
 enum light_type { LIGHT_POINT, LIGHT_SPOT, LIGHT_DIRECTIONAL };
 
+/* What a light's rays start from. Its intensity is that of the whole: that of its point far away. */
+enum light_shape {
+    LIGHT_SHAPE_POINT,
+    LIGHT_SHAPE_SPHERE,   /* of a point light; radiates evenly */
+    LIGHT_SHAPE_DISK,     /* across the axis of a spot light; or an ellipse */
+    LIGHT_SHAPE_RECTANGLE /* across the axis, its sides along the node's x and y */
+};
+#define SCENE_MAX_LIGHT_RADIUS 1e6 /* m */
+
 struct scene_light {
     char
         name[SCENE_NAME_SIZE]; /* unique in the scene: the light's or node's name, numbered when it repeats */
@@ -96,8 +105,10 @@ struct scene_light {
     enum light_type type;
     float intensity[3];           /* colour times intensity */
     float inner_cone, outer_cone; /* spot: half angles, 0 <= inner < outer <= pi/2 */
-    bool is_emissive_mesh;        /* stands in for an emissive mesh: a cosine emitter (intensity
-                                     I cos(theta) about the direction) at its centroid, see scene.warnings */
+    enum light_shape shape;
+    float half_size[2];    /* m along the node's x and y: radii or half sides; 0 for LIGHT_SHAPE_POINT */
+    bool is_emissive_mesh; /* stands in for an open emissive mesh: a cosine emitter (intensity
+                              I cos(theta) about the direction) at its centroid, see scene.warnings */
 };
 
 struct scene_camera {
@@ -166,6 +177,7 @@ struct scene *scene_create_builtin(const char *name, struct error *error);
 struct pose_light {
     float position[3];
     float direction[3]; /* unit, the way light travels along the axis of a spot or directional light */
+    float side[3];      /* unit, across the direction: the node's x axis */
 };
 
 struct pose_camera {

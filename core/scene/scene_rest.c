@@ -163,14 +163,110 @@ static struct vec3 mean_emission(const struct scene *scene, const struct scene_m
     return vec3_make(emission.x * sum.x, emission.y * sum.y, emission.z * sum.z);
 }
 
-/* A node under `parent`, whose world transform at rest is `world`, with its origin at `position` and its -Z
- * along `direction` in the world. */
+/* Some direction across the unit vector `axis`. */
+static struct vec3 any_side(struct vec3 axis)
+{
+    struct vec3 up = fabs(axis.y) < 0.9 ? vec3_make(0, 1, 0) : vec3_make(1, 0, 0);
+    return vec3_unit(vec3_cross(axis, up), vec3_make(1, 0, 0));
+}
+
+/* ---- what shape it is ---------------------------------------------------------------------------------- */
+
+/* Edges whose direction may be that of a rectangle's side; enough for any plain one. */
+#define MAX_EDGES 64u
+
+/* How far the mesh reaches from `centroid` along +-`axis`: the larger of the two ways, and both together. */
+static double extent(const struct scene *scene, const struct scene_mesh *mesh, const float world[12],
+                     struct vec3 centroid, struct vec3 axis)
+{
+    return reach(scene, mesh, world, centroid, axis) +
+           reach(scene, mesh, world, centroid, vec3_scale(axis, -1));
+}
+
+/* The side of the smallest rectangle around the mesh, in its plane, that lies along one of its edges. */
+static struct vec3 rectangle_side(const struct scene *scene, const struct scene_mesh *mesh,
+                                  const float world[12], const struct surface *surface, struct vec3 direction,
+                                  double *area)
+{
+    struct vec3 best = any_side(direction);
+    *area = INFINITY;
+    const uint32_t *indices = scene->indices + mesh->first_index;
+    const struct scene_vertex *vertices = scene->vertices + mesh->first_vertex;
+    uint32_t edges = mesh->triangle_count < MAX_EDGES / 3 ? 3 * mesh->triangle_count : MAX_EDGES;
+    for (uint32_t i = 0; i < edges; i++) {
+        struct vec3 from = transform_point(world, vertices[indices[i]].position);
+        struct vec3 to = transform_point(world, vertices[indices[i % 3 == 2 ? i - 2 : i + 1]].position);
+        struct vec3 edge = vec3_unit(vec3_across(vec3_sub(to, from), direction), best);
+        double around = extent(scene, mesh, world, surface->centroid, edge) *
+                        extent(scene, mesh, world, surface->centroid, vec3_cross(direction, edge));
+        if (around < *area) {
+            *area = around;
+            best = edge;
+        }
+    }
+    return best;
+}
+
+/* The ellipse with the surface's second moments about its centroid, seen along `direction`: its long radius
+ * lies along the returned axis, radii in `radii`. */
+static struct vec3 fit_ellipse(const struct scene *scene, const struct scene_mesh *mesh,
+                               const float world[12], const struct surface *surface, struct vec3 direction,
+                               double radii[2])
+{
+    struct vec3 x = any_side(direction), y = vec3_cross(direction, x);
+    double xx = 0, xy = 0, yy = 0;
+    const uint32_t *indices = scene->indices + mesh->first_index;
+    const struct scene_vertex *vertices = scene->vertices + mesh->first_vertex;
+    for (uint32_t i = 0; i < mesh->triangle_count; i++) {
+        double u[4] = {0}, v[4] = {0}; /* of the corners; [3]: their sum */
+        struct vec3 corner[3];
+        for (int j = 0; j < 3; j++) {
+            corner[j] = vec3_sub(transform_point(world, vertices[indices[3 * i + (uint32_t)j]].position),
+                                 surface->centroid);
+            u[3] += u[j] = vec3_dot(corner[j], x);
+            v[3] += v[j] = vec3_dot(corner[j], y);
+        }
+        double area = vec3_length(vec3_cross(vec3_sub(corner[1], corner[0]), vec3_sub(corner[2], corner[0])));
+        for (int j = 0; j < 4; j++) {
+            xx += area / 24 * u[j] * u[j];
+            xy += area / 24 * u[j] * v[j];
+            yy += area / 24 * v[j] * v[j];
+        }
+    }
+    double middle = (xx + yy) / 2, apart = hypot((xx - yy) / 2, xy), angle = atan2(2 * xy, xx - yy) / 2;
+    /* variance of an ellipse along a radius: r^2 / 4 */
+    radii[0] = 2 * sqrt((middle + apart) / surface->area);
+    radii[1] = 2 * sqrt(fmax(middle - apart, 0) / surface->area);
+    return vec3_add(vec3_scale(x, cos(angle)), vec3_scale(y, sin(angle)));
+}
+
+/* Shape and size of an open surface's light, with the surface's own area; returns its side. */
+static struct vec3 fit_shape(const struct scene *scene, const struct scene_mesh *mesh, const float world[12],
+                             const struct surface *surface, struct vec3 direction, struct scene_light *light)
+{
+    double around, size[2];
+    struct vec3 side = rectangle_side(scene, mesh, world, surface, direction, &around);
+    light->shape = surface->area > 0.95 * around ? LIGHT_SHAPE_RECTANGLE : LIGHT_SHAPE_DISK;
+    if (light->shape == LIGHT_SHAPE_RECTANGLE) {
+        size[0] = extent(scene, mesh, world, surface->centroid, side) / 2;
+        size[1] = extent(scene, mesh, world, surface->centroid, vec3_cross(direction, side)) / 2;
+    } else
+        side = fit_ellipse(scene, mesh, world, surface, direction, size);
+    double whole = (light->shape == LIGHT_SHAPE_RECTANGLE ? 4 : PI) * size[0] * size[1];
+    double scale = whole > 0 ? sqrt(surface->area / whole) : 0;
+    for (int i = 0; i < 2; i++)
+        light->half_size[i] = (float)fmin(size[i] * scale, SCENE_MAX_LIGHT_RADIUS);
+    if (!(light->half_size[0] > 0 && light->half_size[1] > 0))
+        light->shape = LIGHT_SHAPE_POINT;
+    return side;
+}
+
+/* A node under `parent`, whose world transform at rest is `world`, with its origin at `position`, its -Z
+ * along `direction` and its X along `right` in the world. */
 static uint32_t add_node(struct scene_builder *builder, uint32_t parent, const float world[12],
-                         struct vec3 position, struct vec3 direction)
+                         struct vec3 position, struct vec3 direction, struct vec3 right)
 {
     struct vec3 back = vec3_scale(direction, -1);
-    struct vec3 up = fabs(back.y) < 0.9 ? vec3_make(0, 1, 0) : vec3_make(1, 0, 0);
-    struct vec3 right = vec3_unit(vec3_cross(up, back), vec3_make(1, 0, 0));
     const struct vec3 wanted[4] = {
         right, vec3_cross(back, right), back,
         vec3_sub(position, vec3_make((double)world[3], (double)world[7], (double)world[11]))};
@@ -222,30 +318,34 @@ static bool add_light(struct scene_builder *builder, struct scene_instance insta
         return true;
     }
     vec3_store(light.intensity, intensity);
-    struct vec3 position = surface.centroid;
+    struct vec3 position = surface.centroid, side = any_side(direction);
     if (is_closed) {
         light.type = LIGHT_POINT;
+        light.shape = LIGHT_SHAPE_SPHERE;
+        double radius = fmin(sqrt(surface.area / (4 * PI)), SCENE_MAX_LIGHT_RADIUS);
+        light.half_size[0] = light.half_size[1] = (float)radius;
         scene_builder_warn(
             builder,
-            "emissive mesh \"%s\" is closed: a point light in its middle stands in for it, %.4g W/sr, "
-            "and its surface is left out",
-            light.name, strongest);
+            "emissive mesh \"%s\" is closed: a sphere of its area, radius %.4g m, stands in for it, "
+            "%.4g W/sr, and its surface is left out",
+            light.name, radius, strongest);
     } else {
         light.type = LIGHT_SPOT;
         light.outer_cone = (float)(PI / 2);
         light.is_emissive_mesh = true;
+        side = fit_shape(scene, mesh, world, &surface, direction, &light);
         double clearance = 1e-3 * sqrt(surface.area);
         position =
             vec3_add(position, vec3_scale(direction, reach(scene, mesh, world, surface.centroid, direction) +
                                                          clearance));
-        scene_builder_warn(
-            builder,
-            "emissive mesh \"%s\" of %.4g m^2: a cosine emitter before its centre stands in for it, "
-            "%.4g W/sr along its normal%s",
-            light.name, surface.area, strongest,
-            material->double_sided ? "; its other side gives no light" : "");
+        scene_builder_warn(builder,
+                           "emissive mesh \"%s\" of %.4g m^2: a flat %s of even emission stands in for it, "
+                           "%.4g W/sr along its normal%s",
+                           light.name, surface.area,
+                           light.shape == LIGHT_SHAPE_RECTANGLE ? "rectangle" : "disk", strongest,
+                           material->double_sided ? "; its other side gives no light" : "");
     }
-    light.node = add_node(builder, instance.node, world, position, direction);
+    light.node = add_node(builder, instance.node, world, position, direction, side);
     scene_builder_light(builder, &light);
     return !is_closed;
 }

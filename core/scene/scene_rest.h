@@ -10,8 +10,9 @@
 void scene_drop_collapsed(struct scene_builder *builder);
 
 /* Gives every instance of an emissive material a light that stands in for it, with a warning that says so:
- * an open surface a cosine emitter just before it, a closed one a point light in its middle (the surface
- * itself, which would shut the light in, is left out). Intensities are those of the surface at rest. */
+ * an open surface a rectangle or disk of its area just before it, a closed one a sphere of its area in its
+ * middle (the surface itself, which would shut the light in, is left out). Intensities are those of the
+ * surface at rest. */
 void scene_add_emissive_lights(struct scene_builder *builder);
 
 #endif

@@ -48,6 +48,12 @@ static inline struct vec3 vec3_cross(struct vec3 a, struct vec3 b)
     return (struct vec3){a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
 }
 
+/* What remains of `a` across the unit vector `axis`. */
+static inline struct vec3 vec3_across(struct vec3 a, struct vec3 axis)
+{
+    return vec3_sub(a, vec3_scale(axis, vec3_dot(a, axis)));
+}
+
 static inline double vec3_length(struct vec3 a)
 {
     return sqrt(vec3_dot(a, a));

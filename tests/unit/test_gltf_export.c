@@ -82,7 +82,7 @@ static void test_a_full_scene(void **state)
     struct scene *scene = glb_import(
         glb_quote(
             "{'asset':{'version':'2.0'},'extensions':{'KHR_lights_punctual':{'lights':["
-            "{'type':'point','color':[0.1,0.7,0.3],'intensity':12.3},"
+            "{'type':'point','color':[0.1,0.7,0.3],'intensity':12.3,'extras':{'radius':0.3}},"
             "{'type':'spot','name':'beam','spot':{'innerConeAngle':0.1,'outerConeAngle':0.6}},"
             "{'type':'directional','intensity':0.3}]}},"
             "'materials':[{'name':'liquid','pbrMetallicRoughness':{'metallicFactor':0,'roughnessFactor':0},"

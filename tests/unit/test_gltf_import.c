@@ -321,7 +321,11 @@ static void test_emissive_mesh(void **state)
     assert_close((double)pose->lights[0].position[1], 2.0 / 3, 1e-6);
     /* Before the surface, by a thousandth of its size. */
     assert_close((double)pose->lights[0].position[2], 3 + 1e-3 * sqrt(2.0), 1e-5);
-    assert_true(scene_warns(scene, "cosine emitter"));
+    /* A triangle is no rectangle: the ellipse with its area. */
+    assert_int_equal(light->shape, LIGHT_SHAPE_DISK);
+    assert_close(3.14159265358979 * (double)(light->half_size[0] * light->half_size[1]), 2, 1e-5);
+    assert_close((double)(light->half_size[0] / light->half_size[1]), sqrt(3.0), 1e-4);
+    assert_true(scene_warns(scene, "flat disk"));
     scene_pose_destroy(&pose);
     scene_destroy(&scene);
 }
@@ -347,11 +351,94 @@ static void test_closed_emissive_mesh(void **state)
     assert_false(scene->lights[0].is_emissive_mesh);
     /* Four equilateral triangles of side 2 sqrt 2: area 8 sqrt 3. */
     assert_close((double)scene->lights[0].intensity[0], 2 * sqrt(3.0), 1e-5);
+    assert_int_equal(scene->lights[0].shape, LIGHT_SHAPE_SPHERE);
+    assert_close((double)scene->lights[0].half_size[0], sqrt(8 * sqrt(3.0) / (4 * 3.14159265358979)), 1e-5);
     assert_int_equal(scene->instance_count, 0);
     struct error error = {0};
     struct scene_pose *pose = scene_pose_create(scene, &error);
     assert_close((double)pose->lights[0].position[0], 0, 1e-6);
     scene_pose_destroy(&pose);
+    scene_destroy(&scene);
+}
+
+/* A quad of 2 by 1, turned by 30 degrees in its plane: its own sides, whichever edges its triangles have. */
+static void test_emissive_rectangle(void **state)
+{
+    (void)state;
+    float points[12];
+    const double c = cos(0.5235987755982988), s = sin(0.5235987755982988);
+    for (int i = 0; i < 4; i++) {
+        double x = i == 1 || i == 2 ? 1 : -1, y = i >= 2 ? 0.5 : -0.5;
+        points[3 * i] = (float)(c * x - s * y);
+        points[3 * i + 1] = (float)(s * x + c * y);
+        points[3 * i + 2] = 5;
+    }
+    struct {
+        float points[12];
+        uint16_t corners[6];
+    } data = {.corners = {0, 1, 2, 0, 2, 3}};
+    memcpy(data.points, points, sizeof points);
+    struct scene *scene = import_binary(
+        GLB_ONE_MESH "'materials':[{'emissiveFactor':[1,1,1]}],"
+                     "'meshes':[{'primitives':[{'attributes':{'POSITION':0},'indices':1,'material':0}]}],"
+                     "'buffers':[{'byteLength':60}],'bufferViews':[{'buffer':0,'byteLength':48},"
+                     "{'buffer':0,'byteOffset':48,'byteLength':12}],"
+                     "'accessors':[{'bufferView':0,'componentType':5126,'count':4,'type':'VEC3'},"
+                     "{'bufferView':1,'componentType':5123,'count':6,'type':'SCALAR'}]}",
+        &data, sizeof data);
+    assert_int_equal(scene->light_count, 1);
+    const struct scene_light *light = &scene->lights[0];
+    assert_int_equal(light->shape, LIGHT_SHAPE_RECTANGLE);
+    struct error error = {0};
+    struct scene_pose *pose = scene_pose_create(scene, &error);
+    assert_non_null(pose);
+    const float *side = pose->lights[0].side;
+    double along = fabs((double)side[0] * c + (double)side[1] * s);
+    bool is_long = along > 0.5;
+    assert_close(is_long ? along : 1 - along, 1, 1e-6);
+    assert_close((double)light->half_size[is_long ? 0 : 1], 1, 1e-5);
+    assert_close((double)light->half_size[is_long ? 1 : 0], 0.5, 1e-5);
+    scene_pose_destroy(&pose);
+    scene_destroy(&scene);
+}
+
+/* Radii from the light's extras and from the node's; what is no radius is named and left. */
+static void test_light_radius(void **state)
+{
+    (void)state;
+    struct scene *scene = import_triangle(
+        "{'asset':{'version':'2.0'},'extensions':{'KHR_lights_punctual':{'lights':["
+        "{'type':'point','extras':{'radius':0.25}},{'type':'spot','spot':{},'extras':{'radius':0.5}},"
+        "{'type':'point','name':'none','extras':{'radius':0}},{'type':'point','name':'less','"
+        "extras':{'radius':"
+        "-1}},{'type':'point','name':'word','extras':{'radius':'big'}},"
+        "{'type':'directional','name':'sun','extras':{'radius':1}},"
+        "{'type':'point','name':'huge','extras':{'radius':1e30}},{'type':'point','extras':7}]}},"
+        "'nodes':[{'extensions':{'KHR_lights_punctual':{'light':0}}},"
+        "{'extras':{'radius':0.125},'extensions':{'KHR_lights_punctual':{'light':1}}},"
+        "{'extensions':{'KHR_lights_punctual':{'light':2}}},{'extensions':{'KHR_lights_punctual':"
+        "{'light':3}}},"
+        "{'extensions':{'KHR_lights_punctual':{'light':4}}},{'extensions':{'KHR_lights_punctual':"
+        "{'light':5}}},"
+        "{'extensions':{'KHR_lights_punctual':{'light':6}}},"
+        "{'extensions':{'KHR_lights_punctual':{'light':7}}}]}");
+    static const struct {
+        enum light_shape shape;
+        double radius;
+    } wanted[8] = {{LIGHT_SHAPE_SPHERE, 0.25}, {LIGHT_SHAPE_DISK, 0.125}, {LIGHT_SHAPE_POINT, 0},
+                   {LIGHT_SHAPE_POINT, 0},     {LIGHT_SHAPE_POINT, 0},    {LIGHT_SHAPE_POINT, 0},
+                   {LIGHT_SHAPE_SPHERE, 1e6},  {LIGHT_SHAPE_POINT, 0}};
+    assert_int_equal(scene->light_count, 8);
+    for (int i = 0; i < 8; i++) {
+        assert_int_equal(scene->lights[i].shape, wanted[i].shape);
+        assert_close((double)scene->lights[i].half_size[0], wanted[i].radius, 0);
+        assert_close((double)scene->lights[i].half_size[1], wanted[i].radius, 0);
+    }
+    assert_int_equal(scene->warning_count, 4);
+    assert_true(scene_warns(scene, "\"less\": its radius is -1"));
+    assert_true(scene_warns(scene, "\"word\": its radius is ignored, it is no number"));
+    assert_true(scene_warns(scene, "\"sun\": its radius is ignored, a directional light has none"));
+    assert_true(scene_warns(scene, "\"huge\": its radius is 1e+30"));
     scene_destroy(&scene);
 }
 
@@ -447,6 +534,8 @@ int main(void)
         cmocka_unit_test(test_lights_and_cameras),
         cmocka_unit_test(test_emissive_mesh),
         cmocka_unit_test(test_closed_emissive_mesh),
+        cmocka_unit_test(test_emissive_rectangle),
+        cmocka_unit_test(test_light_radius),
         cmocka_unit_test(test_collapsed_instance),
         cmocka_unit_test(test_animation),
         cmocka_unit_test(test_texture),
