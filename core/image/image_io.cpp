@@ -281,10 +281,25 @@ bool image_write_png(const char *path, uint32_t width, uint32_t height, uint32_t
 
 /* ---- reading planes ----------------------------------------------------------------------------------- */
 
-static std::unique_ptr<OIIO::ImageInput> open_exr(const char *path, OIIO::ImageSpec &spec,
-                                                  struct error *error)
+/* Whole, into memory, for the one check that needs it. */
+static bool is_whole_png_file(const char *path)
 {
-    unsigned char magic[8] = {0};
+    std::vector<unsigned char> bytes;
+    FILE *file = fopen(path, "rb");
+    if (!file)
+        return false;
+    unsigned char block[65536];
+    for (size_t got; (got = fread(block, 1, sizeof block, file)) > 0;)
+        bytes.insert(bytes.end(), block, block + got);
+    fclose(file);
+    return is_whole_png(bytes.data(), bytes.size());
+}
+
+/* `only`: the one format that is taken; NULL: any of ours. */
+static std::unique_ptr<OIIO::ImageInput> open_file(const char *path, const char *only, OIIO::ImageSpec &spec,
+                                                   struct error *error)
+{
+    unsigned char magic[16] = {0};
     FILE *file = fopen(path, "rb");
     if (!file) {
         error_set(error, errno == ENOENT ? STATUS_NOT_FOUND : STATUS_IO, "cannot open %s: %s", path,
@@ -292,18 +307,31 @@ static std::unique_ptr<OIIO::ImageInput> open_exr(const char *path, OIIO::ImageS
         return nullptr;
     }
     size_t got = fread(magic, 1, sizeof magic, file);
+    bool is_unreadable = ferror(file);
     fclose(file);
+    if (is_unreadable || !got) {
+        error_set(error, is_unreadable ? STATUS_IO : STATUS_INVALID, "%s %s", path,
+                  is_unreadable ? "cannot be read" : "is empty");
+        return nullptr;
+    }
     const char *format = format_of(magic, got);
-    if (!format || strcmp(format, "openexr") != 0) {
-        error_set(error, STATUS_INVALID, "%s is no EXR file", path);
+    if (!format || (only && strcmp(format, only) != 0)) {
+        error_set(error, STATUS_INVALID, only ? "%s is no EXR file" : "%s is no EXR, PFM, HDR, PNG or JPEG",
+                  path);
+        return nullptr;
+    }
+    if (!strcmp(format, "png") && !is_whole_png_file(path)) {
+        error_set(error, STATUS_INVALID, "%s: the PNG is truncated", path);
         return nullptr;
     }
     std::unique_ptr<OIIO::ImageInput> input = OIIO::ImageInput::create(format);
     if (!input) {
-        error_set(error, STATUS_UNSUPPORTED, "%s: this OpenImageIO cannot read EXR", path);
+        error_set(error, STATUS_UNSUPPORTED, "%s: this OpenImageIO cannot read %s", path, format);
         return nullptr;
     }
-    if (!input->open(path, spec)) {
+    OIIO::ImageSpec wanted;
+    wanted.attribute("oiio:UnassociatedAlpha", 1);
+    if (!input->open(path, spec, wanted)) {
         error_set(error, STATUS_INVALID, "%s: %s", path, one_line(input->geterror()).c_str());
         return nullptr;
     }
@@ -312,21 +340,23 @@ static std::unique_ptr<OIIO::ImageInput> open_exr(const char *path, OIIO::ImageS
                   spec.nchannels, spec.deep ? ", deep" : "");
         return nullptr;
     }
-    if (spec.width > 16384 || spec.height > 16384 || spec.nchannels > 256) {
+    if (spec.width > IMAGE_MAX_SIDE || spec.height > IMAGE_MAX_SIDE || spec.nchannels > 256 ||
+        (uint64_t)spec.width * (uint64_t)spec.height * (uint64_t)spec.nchannels > IMAGE_MAX_VALUES) {
         error_set(error, STATUS_LIMIT,
-                  "%s has %d x %d pixels of %d channels; the most is 16384 x 16384 of 256", path, spec.width,
-                  spec.height, spec.nchannels);
+                  "%s has %d x %d pixels of %d channels; the most is %d x %d of 256, and %llu values in all",
+                  path, spec.width, spec.height, spec.nchannels, IMAGE_MAX_SIDE, IMAGE_MAX_SIDE,
+                  (unsigned long long)IMAGE_MAX_VALUES);
         return nullptr;
     }
     return input;
 }
 
-struct image_file *image_read_exr(const char *path, struct error *error)
+static struct image_file *read_file(const char *path, const char *only, struct error *error)
 {
     struct image_file *file = NULL;
     bool is_read = guarded(path, error, [&] {
         OIIO::ImageSpec spec;
-        std::unique_ptr<OIIO::ImageInput> input = open_exr(path, spec, error);
+        std::unique_ptr<OIIO::ImageInput> input = open_file(path, only, spec, error);
         if (!input)
             return false;
         size_t planes = (size_t)spec.nchannels, count = (size_t)spec.width * (size_t)spec.height;
@@ -343,6 +373,7 @@ struct image_file *image_read_exr(const char *path, struct error *error)
         file->width = (uint32_t)spec.width;
         file->height = (uint32_t)spec.height;
         file->plane_count = (uint32_t)planes;
+        file->is_integer = !spec.format.is_floating_point();
         for (size_t plane = 0; plane < planes; plane++) {
             snprintf(file->planes[plane].name, IMAGE_CHANNEL_NAME_SIZE, "%s",
                      spec.channelnames.at(plane).c_str());
@@ -358,11 +389,21 @@ struct image_file *image_read_exr(const char *path, struct error *error)
     return file;
 }
 
+struct image_file *image_read_exr(const char *path, struct error *error)
+{
+    return read_file(path, "openexr", error);
+}
+
+struct image_file *image_read_planes(const char *path, struct error *error)
+{
+    return read_file(path, NULL, error);
+}
+
 bool image_read_exr_string(const char *path, const char *name, char *text, size_t size, struct error *error)
 {
     return guarded(path, error, [&] {
         OIIO::ImageSpec spec;
-        if (!open_exr(path, spec, error))
+        if (!open_file(path, "openexr", spec, error))
             return false;
         const OIIO::ParamValue *value = spec.find_attribute(name, OIIO::TypeDesc::STRING);
         if (!value)
@@ -376,7 +417,7 @@ bool image_read_exr_matrix(const char *path, const char *name, float matrix[16],
 {
     return guarded(path, error, [&] {
         OIIO::ImageSpec spec;
-        if (!open_exr(path, spec, error))
+        if (!open_file(path, "openexr", spec, error))
             return false;
         const OIIO::ParamValue *value = spec.find_attribute(name, OIIO::TypeMatrix);
         if (!value)
@@ -412,6 +453,12 @@ bool image_write_png(const char *path, uint32_t, uint32_t, uint32_t, const uint8
 }
 
 struct image_file *image_read_exr(const char *path, struct error *error)
+{
+    unsupported(path, error);
+    return NULL;
+}
+
+struct image_file *image_read_planes(const char *path, struct error *error)
 {
     unsupported(path, error);
     return NULL;

@@ -80,13 +80,19 @@ bool image_write_png(const char *path, uint32_t width, uint32_t height, uint32_t
 
 struct image_file {
     uint32_t width, height, plane_count;
+    bool is_integer;            /* stored as integers: the planes hold 0..1, most likely sRGB-encoded */
     struct image_plane *planes; /* in the file's order */
     float *values;              /* of all planes */
 };
 
-/* Every channel of an EXR file. NULL and *error when it is missing, damaged or larger than 16384 along a
- * side. */
+/* Limits of what is read: a file's header alone must not decide how much memory is asked for. */
+#define IMAGE_MAX_SIDE   16384
+#define IMAGE_MAX_VALUES (1ull << 29) /* pixels times channels */
+
+/* Every channel of an EXR file. NULL and *error when it is missing, damaged or beyond the limits. */
 struct image_file *image_read_exr(const char *path, struct error *error);
+/* Likewise of a PNG, JPEG, EXR or HDR file, whatever its name says. */
+struct image_file *image_read_planes(const char *path, struct error *error);
 /* The named channel's values, or NULL. */
 const float *image_file_plane(const struct image_file *file, const char *name);
 /* A string attribute, or a matrix (16 floats): false when the file has none of that name and type. */
