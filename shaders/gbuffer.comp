@@ -7,9 +7,11 @@
 // Writes  surfaces, targets of splats
 // Source  design 4 (radiance across interfaces), 8 (dominant branch); aaps-thesis 3.1.1
 #include "frame.glsl"
+#define TRACE_EXCLUDES
 #include "trace.glsl"
 #include "scene.glsl"
 #include "light.glsl"
+#include "media.glsl"
 #include "optics.glsl"
 layout(local_size_x = 8, local_size_y = 8) in;
 layout(std430, binding = BINDING_PASS) writeonly buffer surface_buffer { surface_gpu surfaces[]; };
@@ -61,12 +63,20 @@ void main()
     target_gpu target;
     target.position_normal = vec4(0.0, 0.0, 0.0, uintBitsToFloat(NONE));
 
-    uint medium = NONE;
+    uint medium = frame.eye_medium;
     for (uint bounce = 0u; bounce <= frame.camera_bounces; bounce++) {
         trace_hit hit = trace_closest(origin, direction, 3.0e38);
         if (hit.instance == TRACE_MISS)
             break;
         surface s = surface_fetch(hit.instance, hit.triangle, hit.barycentrics);
+        uint touching = NONE;
+        bool touching_front = false;
+        if (has(FEATURE_CONTACT) && scene_materials[s.material].kind == KIND_DIELECTRIC) {
+            bool front = dot(direction, s.geometric) < 0.0;
+            trace_hit other = media_contact(s.position, front ? s.geometric : -s.geometric, hit.instance);
+            if (media_take_contact(other, direction, hit, touching, touching_front))
+                s = surface_fetch(hit.instance, hit.triangle, hit.barycentrics);
+        }
         material_gpu material = scene_materials[s.material];
         bool front = dot(direction, s.geometric) < 0.0;
         vec3 geometric = front ? s.geometric : -s.geometric;
@@ -75,8 +85,11 @@ void main()
             normal = geometric;
         if (bounce == 0u)
             result.relative_position.w = dot(direction * hit.t, frame.forward.xyz);
-        if (has(FEATURE_ABSORPTION) && medium != NONE)
-            throughput *= exp(-scene_materials[medium].absorption.xyz * hit.t);
+        if (has(FEATURE_ABSORPTION)) {
+            uint here = material.kind == KIND_DIELECTRIC ? media_here(medium, s.material, front) : media_top(medium);
+            if (here != NONE)
+                throughput *= exp(-scene_materials[here].absorption.xyz * hit.t);
+        }
         result.radiance.xyz += throughput * surface_emission(s);
 
         if (material.kind == KIND_DIFFUSE) {
@@ -103,7 +116,8 @@ void main()
             throughput *= surface_color(s) * (1.0 - fresnel_thin(cos_i, material.color_ior.w));
             origin = offset_origin(s.position, -geometric);
         } else if (has(FEATURE_DIELECTRIC)) {
-            float eta = front ? 1.0 / material.color_ior.w : material.color_ior.w;
+            boundary b = media_boundary(medium, s.material, front, touching, touching_front);
+            float eta = b.eta;
             float cos_t;
             float reflectance = fresnel_dielectric(cos_i, eta, cos_t);
             if (reflectance > 0.5) {
@@ -121,7 +135,7 @@ void main()
                 if (dot(direction, geometric) >= 0.0)
                     direction -= (dot(direction, geometric) + 1e-3) * geometric;
                 origin = offset_origin(s.position, -geometric);
-                medium = front ? s.material : NONE;
+                medium = b.beyond;
             }
         }
         direction = normalize(direction);

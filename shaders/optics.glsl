@@ -5,6 +5,10 @@
 // cos_t returns the cosine of transmission, 0 at total internal reflection.
 float fresnel_dielectric(float cos_i, float eta, out float cos_t)
 {
+    if (eta == 1.0) { // no interface, at grazing incidence either
+        cos_t = cos_i;
+        return 0.0;
+    }
     float sin2_t = eta * eta * max(0.0, 1.0 - cos_i * cos_i);
     if (sin2_t >= 1.0) {
         cos_t = 0.0;

@@ -67,7 +67,7 @@ void main()
         ray_set_differential(ray, x);
         ray.cell = node;
         ray.hash = hash;
-        ray.medium = NONE;
+        ray.medium = light.medium;
         ray.state = (lattice.x << 14) | (lattice.y << 16);
         rays[task] = ray;
         queue[task] = task;

@@ -7,8 +7,10 @@
 //         outcome per ray, sums per workgroup, flux by fate
 // Source  design 4, 5 (splitting), 6; aaps-thesis 3.1.2, 3.3.1, 3.3.2
 #include "frame.glsl"
+#define TRACE_EXCLUDES
 #include "trace.glsl"
 #include "scene.glsl"
+#include "media.glsl"
 #include "optics.glsl"
 #include "photons.glsl"
 layout(local_size_x = GROUP_SIZE) in;
@@ -60,6 +62,8 @@ void reflect_differential(inout differential x, vec3 d, vec3 n, surface s)
 
 void refract_differential(inout differential x, vec3 d, vec3 n, surface s, float eta, float cos_t)
 {
+    if (eta == 1.0)
+        return; // no interface
     if (cos_t < REFRACT_COS_MIN)
         guard++;
     float side = dot(n, s.normal) < 0.0 ? -1.0 : 1.0;
@@ -79,6 +83,16 @@ void main()
     uint slot = in_flight ? queue[index] : 0u;
     photon_ray ray = rays[slot];
     trace_hit hit = trace_closest_all(ray.origin.xyz, ray.direction.xyz, in_flight ? 3.0e38 : 0.0);
+    uint touching = NONE;
+    bool touching_front = false;
+    if (has(FEATURE_CONTACT) && in_flight && hit.instance != TRACE_MISS) {
+        surface s = surface_fetch(hit.instance, hit.triangle, hit.barycentrics);
+        if (scene_materials[s.material].kind == KIND_DIELECTRIC) {
+            bool front = dot(ray.direction.xyz, s.geometric) < 0.0;
+            trace_hit other = media_contact(s.position, front ? s.geometric : -s.geometric, hit.instance);
+            media_take_contact(other, ray.direction.xyz, hit, touching, touching_front);
+        }
+    }
     if (in_flight) {
         uint stride = counters.stride[parity];
         uint bounces = ray.state & 0xffu;
@@ -101,10 +115,13 @@ void main()
                 normal = geometric; // interpolation tipped it past grazing
             float flown = ray.direction.w + hit.t;
 
-            if (has(FEATURE_ABSORPTION) && ray.medium != NONE) {
-                vec3 kept = flux * exp(-scene_materials[ray.medium].absorption.xyz * hit.t);
-                absorbed += channel_sum(flux - kept);
-                flux = kept;
+            if (has(FEATURE_ABSORPTION)) {
+                uint here = material.kind == KIND_DIELECTRIC ? media_here(ray.medium, s.material, front) : media_top(ray.medium);
+                if (here != NONE) {
+                    vec3 kept = flux * exp(-scene_materials[here].absorption.xyz * hit.t);
+                    absorbed += channel_sum(flux - kept);
+                    flux = kept;
+                }
             }
             differential_transfer(x, direction, hit.t, geometric, guard);
 
@@ -148,14 +165,14 @@ void main()
                 outcome = OUTCOME_CHILD0;
             } else if (has(FEATURE_DIELECTRIC | FEATURE_THIN)) {
                 bool thin = has(FEATURE_THIN) && material.kind == KIND_THIN;
-                float ior = material.color_ior.w;
-                float eta = front ? 1.0 / ior : ior;
+                boundary b = media_boundary(ray.medium, s.material, front, touching, touching_front);
+                float eta = b.eta;
                 float cos_i = -dot(direction, normal);
                 float cos_t;
                 float reflectance = fresnel_dielectric(cos_i, eta, cos_t);
                 vec3 transmitted = flux;
                 if (thin) {
-                    reflectance = fresnel_thin(cos_i, ior);
+                    reflectance = fresnel_thin(cos_i, material.color_ior.w);
                     transmitted = flux * surface_color(s);
                     // the tint is paid by what goes through
                     cos_t = cos_i;
@@ -241,11 +258,12 @@ void main()
                     vec3 turned = direction;
                     uint medium = ray.medium;
                     if (!thin) {
-                        turned = normalize(eta * direction + (eta * cos_i - cos_t) * normal);
+                        if (eta != 1.0)
+                            turned = normalize(eta * direction + (eta * cos_i - cos_t) * normal);
                         refract_differential(y, direction, normal, s, eta, cos_t);
                         if (dot(turned, geometric) >= 0.0)
                             turned = normalize(turned - (dot(turned, geometric) + 1e-3) * geometric);
-                        medium = front ? s.material : NONE;
+                        medium = b.beyond;
                     }
                     spawn(ray, next, offset_origin(s.position, -geometric), turned, y, refracted_flux, 0u,
                           LAST_REFRACT, new_splits, medium, flown);

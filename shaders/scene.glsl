@@ -121,7 +121,7 @@ vec3 surface_color(surface s)
     vec3 color = scene_materials[s.material].color_ior.xyz;
     if (has(FEATURE_TEXTURE) && scene_materials[s.material].color_first != NONE) {
         material_gpu m = scene_materials[s.material];
-        color *= texel_fetch(m.color_first, m.color_width, m.color_height, (m.clamp & 1u) != 0u, (m.clamp & 2u) != 0u, s.uv);
+        color *= texel_fetch(m.color_first, m.color_width, m.color_height, (m.flags & 1u) != 0u, (m.flags & 2u) != 0u, s.uv);
     }
     return color;
 }
@@ -133,7 +133,7 @@ vec3 surface_emission(surface s)
     vec3 emission = scene_materials[s.material].emission.xyz;
     if (has(FEATURE_TEXTURE) && scene_materials[s.material].emission_first != NONE) {
         material_gpu m = scene_materials[s.material];
-        emission *= texel_fetch(m.emission_first, m.emission_width, m.emission_height, (m.clamp & 4u) != 0u, (m.clamp & 8u) != 0u, s.uv);
+        emission *= texel_fetch(m.emission_first, m.emission_width, m.emission_height, (m.flags & 4u) != 0u, (m.flags & 8u) != 0u, s.uv);
     }
     return emission;
 }

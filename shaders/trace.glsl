@@ -19,6 +19,8 @@ const uint TRACE_MISS = 0xffffffffu;
 // trace_closest_all, trace_any_all                                    the same where every invocation of the subgroup
 //                                                                     calls, a lane without a ray with t_max 0: faster
 //                                                                     where branches are masked, not skipped
+// uint      trace_excluded                                            with TRACE_EXCLUDES defined: this instance is not
+//                                                                     seen; TRACE_MISS for none (FEATURE_CONTACT)
 // uint      trace_guard                                               1 after the iteration cap ended a ray
 #ifdef TRACER_KHR
 #include "trace_khr.glsl"

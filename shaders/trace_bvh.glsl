@@ -21,6 +21,12 @@ layout(std430, binding = BINDING_TRIANGLES) readonly buffer triangle_piece_buffe
 layout(std430, binding = BINDING_INSTANCES) readonly buffer instance_piece_buffer { uvec2 bvh_instance_pieces[]; };
 
 uint trace_guard = 0u;
+#ifdef TRACE_EXCLUDES
+uint trace_excluded = TRACE_MISS; // an instance that is not there
+#define TRACE_IS_EXCLUDED(instance) (has(FEATURE_CONTACT) && (instance) == trace_excluded)
+#else
+#define TRACE_IS_EXCLUDED(instance) false
+#endif
 
 // Five roundings on each side must not lose a box that the ray only grazes.
 const float BVH_LEAVE_SLACK = 1.000001;
@@ -172,7 +178,8 @@ void bvh_lane_trace(vec3 origin, vec3 direction, bool any, inout trace_hit hit)
             uint last = first + ((reference >> BVH_COUNT_SHIFT) & BVH_COUNT_MASK);
             for (uint i = first; i <= last; i++) {
                 bvh_triangle triangle = bvh_triangles[i];
-                if (bvh_triangle_test(ray, uintBitsToFloat(triangle.vertex[0].xyz),
+                if (!TRACE_IS_EXCLUDED(instance) &&
+                    bvh_triangle_test(ray, uintBitsToFloat(triangle.vertex[0].xyz),
                                       uintBitsToFloat(triangle.vertex[1].xyz), uintBitsToFloat(triangle.vertex[2].xyz),
                                       hit)) {
                     hit.instance = instance;
@@ -323,7 +330,7 @@ void bvh_packet_trace(vec3 origin, vec3 direction, bool any, inout trace_hit hit
                 vec3 p1 = vec3(packet_float(piece.x, 2u), packet_float(piece.y, 2u), packet_float(piece.x, 3u));
                 vec3 p2 = vec3(packet_float(piece.x, 4u), packet_float(piece.y, 4u), packet_float(piece.x, 5u));
                 uint triangle = subgroupShuffle(piece.y, 1u);
-                if (bvh_triangle_test(ray, p0, p1, p2, hit)) {
+                if (!TRACE_IS_EXCLUDED(instance) && bvh_triangle_test(ray, p0, p1, p2, hit)) {
                     hit.instance = instance;
                     hit.triangle = triangle;
                     if (any)

@@ -77,6 +77,9 @@ void features_find(const struct view *view, uint32_t channel_mask, struct featur
         if (!first)
             first = intensity;
     }
+    if (features->bits & FEATURE_DIELECTRIC)
+        features->bits |= (renderer->solids.is_nested ? FEATURE_NESTED : 0) |
+                          (renderer->solids.has_contact ? FEATURE_CONTACT : 0);
     features->light_count = scene->light_count;
     if (!grey)
         features->bits |= FEATURE_CHROMATIC;

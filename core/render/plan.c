@@ -49,6 +49,11 @@ void plan_make(const struct view *view, const struct features *features, uint32_
          plan->has_photons ? "all photons have one tint: one channel is accumulated" : no_photons);
     line(plan, "refraction", (bits & FEATURE_DIELECTRIC) != 0, "there is solid glass",
          "there is no solid glass");
+    line(plan, "nested solids", (bits & FEATURE_NESTED) != 0,
+         "solids overlap: rays keep a list of those they are in",
+         bits & FEATURE_DIELECTRIC ? "no solid lies in another" : "there is no solid glass");
+    line(plan, "contacts", (bits & FEATURE_CONTACT) != 0, "surfaces of solids lie in other surfaces",
+         bits & FEATURE_DIELECTRIC ? "no solid touches another surface" : "there is no solid glass");
     line(plan, "thin walls", (bits & FEATURE_THIN) != 0, "there are thin walls", "there are no thin walls");
     line(plan, "mirrors", (bits & FEATURE_MIRROR) != 0, "there are mirrors", "there are no mirrors");
     line(plan, "absorption", (bits & FEATURE_ABSORPTION) != 0, "some glass is coloured", "no glass absorbs");

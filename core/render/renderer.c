@@ -39,6 +39,7 @@ void renderer_destroy(struct renderer **renderer)
     for (size_t i = 0; i < sizeof buffers / sizeof *buffers; i++)
         gpu_buffer_destroy(buffers[i]);
     scene_pose_destroy(&r->pose);
+    solids_free(&r->solids);
     free(r->bottoms);
     free(r->trees);
     free(r->tree_node);
@@ -122,19 +123,20 @@ static bool upload_materials(struct renderer *r, struct error *error)
         g->absorption = (vec4){sigma[0], sigma[1], sigma[2], m->roughness};
         g->emission = (vec4){m->emission[0], m->emission[1], m->emission[2], 0};
         g->color_first = g->emission_first = NONE;
+        g->flags = (uint32_t)r->solids.number[i] << 8 | r->solids.material[i] << 16;
         if (m->base_color_image != SCENE_NONE) {
             const struct scene_image *image = &scene->images[m->base_color_image];
             g->color_first = image_place(scene, m->base_color_image);
             g->color_width = image->width;
             g->color_height = image->height;
-            g->clamp |= (image->clamp_u ? 1u : 0u) | (image->clamp_v ? 2u : 0u);
+            g->flags |= (image->clamp_u ? 1u : 0u) | (image->clamp_v ? 2u : 0u);
         }
         if (m->emission_image != SCENE_NONE) {
             const struct scene_image *image = &scene->images[m->emission_image];
             g->emission_first = image_place(scene, m->emission_image);
             g->emission_width = image->width;
             g->emission_height = image->height;
-            g->clamp |= (image->clamp_u ? 4u : 0u) | (image->clamp_v ? 8u : 0u);
+            g->flags |= (image->clamp_u ? 4u : 0u) | (image->clamp_v ? 8u : 0u);
         }
     }
     r->materials = gpu_buffer_create_filled(r->gpu, "materials", materials,
@@ -298,7 +300,8 @@ struct renderer *renderer_create(const struct renderer_params *params, struct er
     if (!r->instance_data || !r->caster_boxes)
         error_set(error, STATUS_MEMORY, "out of memory for %u instances", scene->instance_count);
     if (!r->pose || !r->instance_data || !r->caster_boxes || !upload_vertices(r, error) ||
-        !upload_materials(r, error) || !build_trees(r, error) ||
+        !build_trees(r, error) || !solids_find(&r->solids, scene, r->trees, error) ||
+        !upload_materials(r, error) ||
         !(r->tracer == TRACER_KHR ? build_accels(r, error) : upload_trees(r, error)))
         goto failed;
     r->instances = gpu_buffer_create(

@@ -278,6 +278,12 @@ void tiles_update(struct view *view)
         struct light_tile *tile = &view->tiles[i], old = *tile;
         describe_light(view, i, light);
         bool has_moved = memcmp(&before.position, &light->position, 2 * sizeof(vec4)) != 0;
+        light->medium = before.medium;
+        if (light->type != LIGHT_TYPE_DIRECTIONAL &&
+            (has_moved || !old.is_valid || view->tiles_pose != renderer->pose_version))
+            light->medium =
+                solids_at(&renderer->solids, renderer->scene, renderer->pose, renderer->trees,
+                          (const float[3]){light->position.x, light->position.y, light->position.z});
         changed |= has_moved;
         if (light->type == LIGHT_TYPE_DIRECTIONAL)
             fit_beam(view, light, tile);

@@ -501,6 +501,11 @@ static void fill_frame(struct view *view, uint32_t subframe, uint32_t subframe_c
     data->max_radius = s->max_radius;
     data->filter_radius = s->filter_radius;
     data->subframe_weight = 1.0f / (float)subframe_count;
+    if (view->eye_pose != view->renderer->pose_version ||
+        memcmp(&data->eye, &view->last_data.eye, 3 * sizeof(float)) != 0)
+        data->eye_medium = solids_at(&view->renderer->solids, view->renderer->scene, view->renderer->pose,
+                                     view->renderer->trees, view->camera.eye);
+    view->eye_pose = view->renderer->pose_version;
     data->tint = (vec4){1, 1, 1, 0};
     for (uint32_t i = 0; i < view->features.light_count; i++) {
         vec4 intensity = view->lights[i].intensity;

@@ -10,6 +10,7 @@
 
 #include "renderer.h"
 #include "../scene/bvh.h"
+#include "../scene/solids.h"
 #include "../../shaders/shared/render_layout.h"
 
 /* ---- renderer ------------------------------------------------------------------------------------------ */
@@ -41,7 +42,8 @@ struct renderer {
     struct gpu_accel *top;
     struct bvh **trees;                  /* per mesh; bvh: for bounds; khr: NULL trees are possible */
     uint32_t *tree_node, *tree_triangle; /* where a mesh's tree starts in `nodes` and `triangles` */
-    float (*mesh_boxes)[6];              /* per mesh: frontier boxes of caster meshes, object space */
+    struct solids solids;
+    float (*mesh_boxes)[6]; /* per mesh: frontier boxes of caster meshes, object space */
     uint32_t *mesh_first_box, *mesh_box_count;
 
     struct scene_pose *pose;
@@ -146,6 +148,7 @@ struct view {
     uint64_t tiles_pose;      /* pose_version they were fitted to */
     uint32_t tiles_key;       /* hash of light state and settings they were fitted to */
     bool mask_is_stale;
+    uint64_t eye_pose; /* pose_version that data.eye_medium belongs to */
     struct light_gpu *lights;
     struct frame_gpu data;
     struct frame_gpu last_data;

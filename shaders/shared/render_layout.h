@@ -30,6 +30,8 @@
 #define FEATURE_BEAUTY        (1u << 12) /* somebody asked for direct light */
 #define FEATURE_TEXTURED_FLUX (1u << 13) /* photons carry the albedo they meet: aa=pixel */
 #define FEATURE_CHAINS        (1u << 14) /* somebody looks through glass and mirrors */
+#define FEATURE_NESTED        (1u << 30) /* solids overlap: rays keep a list of those they are in */
+#define FEATURE_CONTACT       (1u << 31) /* surfaces of solids lie in other surfaces */
 #define CONSTANT_FEATURES     0
 #define CONSTANT_SPLIT        1 /* enum split_rule */
 #define CONSTANT_DENSITY      2 /* enum density_rule */
@@ -62,7 +64,8 @@ struct material_gpu {
     uint kind;
     uint color_first, color_width, color_height;
     uint emission_first, emission_width, emission_height;
-    uint clamp; /* bit 0, 1: colour u, v; bit 2, 3: emission u, v */
+    uint flags; /* clamped bits 0, 1: colour u, v; 2, 3: emission u, v. 8-15: solid number, 0: none
+                   (media.glsl). 16-31: the material whose solid number is this one's index + 1 */
 };
 SHARED_SIZE(material_gpu, 80);
 
@@ -88,7 +91,8 @@ struct light_gpu {
     uint has_previous;
     vec4 old_x, old_y, old_z, old_origin; /* last frame's tile, for the remap */
     uint old_map;
-    uint pad0, pad1, pad2;
+    uint medium; /* list of the solids it is in (media.glsl) */
+    uint pad0, pad1;
 };
 SHARED_SIZE(light_gpu, 208);
 
@@ -122,7 +126,8 @@ struct frame_gpu {
     float cull_magnification, kappa, max_anisotropy, max_radius;
     float filter_radius, flux_unit, irradiance_unit, subframe_weight;
     float cell_flux; /* of a mean cell, W */
-    float pad0, pad1, pad2;
+    uint eye_medium; /* list of the solids the eye is in (media.glsl) */
+    float pad0, pad1;
 };
 SHARED_SIZE(frame_gpu, 352);
 
@@ -146,7 +151,7 @@ struct photon_ray {
     vec4 dd_u2_dd_v; /* dD/du.z, dD/dv */
     uint cell;       /* in the atlas, Morton order */
     uint hash;       /* of its fixed place: light, cell, sample, branches */
-    uint medium;     /* material of the solid it is in, NONE: air */
+    uint medium;     /* list of the solids it is in, 0: air (media.glsl) */
     uint state; /* bits 0-7 bounces, 8-11 splits, 12-13 last interaction, 14-15 and 16-17 its place on the
                    lattice of strata modulo 4, 18 on a weaker branch */
 };

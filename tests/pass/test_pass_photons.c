@@ -83,11 +83,16 @@ static void make_meshes(void)
     add_quad(SLAB, (struct vector){-2.5, 2, -2.5}, (struct vector){0, 0, 5}, (struct vector){5, 0.2, 0});
 }
 
+/* The solid number of a part: shaders/media.glsl. */
+#define SOLID(part) ((part) + 1u)
+
 static void make_materials(void)
 {
     for (uint32_t i = 0; i < PARTS; i++)
-        materials[i] = (struct material_gpu){
-            .color_ior = {0.9f, 0.7f, 0.4f, 1.5f}, .color_first = NONE, .emission_first = NONE};
+        materials[i] = (struct material_gpu){.color_ior = {0.9f, 0.7f, 0.4f, 1.5f},
+                                             .color_first = NONE,
+                                             .emission_first = NONE,
+                                             .flags = SOLID(i) << 8 | i << 16};
     materials[SPHERE].kind = KIND_DIELECTRIC;
     materials[SPHERE].absorption = (vec4){0.1f, 0.3f, 1.2f, 0};
     materials[MIRROR].kind = KIND_MIRROR;
@@ -403,7 +408,7 @@ static void fill_ray(struct photon_ray *r, struct vector o, struct vector d)
         turn[k] = anywhere(0.01);
         turn[k] = add(turn[k], d, -vector_dot(turn[k], d));
     }
-    *r = (struct photon_ray){.origin = {(float)o.x, (float)o.y, (float)o.z, 1}, .medium = NONE, .state = 1};
+    *r = (struct photon_ray){.origin = {(float)o.x, (float)o.y, (float)o.z, 1}, .state = 1};
     r->direction = (vec4){(float)d.x, (float)d.y, (float)d.z, 2};
     r->flux = (vec4){(float)between(0.5, 2), (float)between(0.5, 2), (float)between(0.5, 2), 0};
     r->flux.w = (float)(sum3(r->flux) * between(1, 6));
@@ -411,7 +416,7 @@ static void fill_ray(struct photon_ray *r, struct vector o, struct vector d)
     r->hash = (uint32_t)between(0, 4e9);
     write_differential(r, p, turn);
     if (size_of(add(o, sphere_center, -1)) < 1)
-        r->medium = SPHERE;
+        r->medium = SOLID(SPHERE);
 }
 
 static void fill_rays(struct bounce *b)
@@ -492,8 +497,8 @@ static void check_bounce(const struct bounce *b, struct tally *tally)
             continue;
         }
         double flux[3] = {(double)ray->flux.x, (double)ray->flux.y, (double)ray->flux.z};
-        if (ray->medium != NONE) {
-            const vec4 *a = &materials[ray->medium].absorption;
+        if (ray->medium) {
+            const vec4 *a = &materials[ray->medium - SOLID(0)].absorption;
             flux[0] *= exp(-(double)a->x * hit.t);
             flux[1] *= exp(-(double)a->y * hit.t);
             flux[2] *= exp(-(double)a->z * hit.t);
@@ -543,7 +548,7 @@ static void check_bounce(const struct bounce *b, struct tally *tally)
         } else if (b->outcomes[i] == (OUTCOME_CHILD0 | OUTCOME_CHILD1)) {
             tally->split++;
             if (onward == WAY_REFRACT)
-                assert_int_equal(child->medium, is_front ? hit.part : NONE);
+                assert_int_equal(child->medium, is_front ? SOLID(hit.part) : 0);
             assert_int_equal(child[1].medium, ray->medium);
             assert_int_equal(child->state >> 8 & 15, (ray->state >> 8 & 15) + 1);
             check_child(child, ray, &hit, onward, refracted, 1, tally);
@@ -781,7 +786,7 @@ static void grazing_exit_stays_finite(void **state)
     for (uint32_t i = 0; i < b.count; i++) {
         double sine = (1 + ((int)i - 128) * 2e-8) / (double)materials[SLAB].color_ior.w;
         fill_ray(&b.rays[i], o, add(add((struct vector){0, 0, 0}, along, sine), n, sqrt(1 - sine * sine)));
-        b.rays[i].medium = SLAB;
+        b.rays[i].medium = SOLID(SLAB);
     }
     run_bounce(&b);
     uint32_t out = 0, total = 0;
@@ -794,8 +799,8 @@ static void grazing_exit_stays_finite(void **state)
             for (int j = 0; j < 24; j++)
                 assert_true(isfinite(values[j]));
             assert_close(size_of(vector_of(child->direction)), 1, 1e-5);
-            out += child->medium == NONE;
-            total += child->medium != NONE;
+            out += child->medium == 0;
+            total += child->medium != 0;
         }
     print_message("%u leave, %u stay, %u clamped\n", out, total, b.counters.count[COUNT_GUARD_DIFFERENTIAL]);
     assert_true(out > 20 && total > 20);

@@ -179,7 +179,7 @@ static void check_directions(const char *name, const struct light_gpu *light, do
         assert_close((double)ray->origin.w, 1 / (measure * size * size), 1e-5 / (measure * size * size));
         assert_true(ray->origin.x == light->position.x && ray->origin.y == light->position.y &&
                     ray->origin.z == light->position.z);
-        assert_int_equal(ray->medium, NONE);
+        assert_int_equal(ray->medium, 0);
         sum += (double)ray->flux.w;
         expected += share;
 
