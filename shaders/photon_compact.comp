@@ -178,10 +178,10 @@ photon make_photon(photon_ray ray)
         p.density = vec4(ray.flux.xyz * abs(det_j), slack);
     } else if (AA == AA_PIXEL)
         p.density = vec4(ray.flux.xyz * (has(FEATURE_TEXTURED_FLUX) ? ray.dd_u2_dd_v.xyz : vec3(1.0)) * abs(det_j), slack);
-    else if (AA == AA_NONE)
-        p.density = vec4(ray.flux.xyz * (abs(det_j) / (PI * sqrt(det_c))), slack);
-    else
+    else if (AA == AA_FILTER)
         p.density = vec4(ray.flux.xyz * (2.0 * abs(det_j) / (PI * sqrt(det_c))), slack);
+    else
+        p.density = vec4(ray.flux.xyz * (abs(det_j) / (PI * sqrt(det_c))), slack);
     return p;
 }
 

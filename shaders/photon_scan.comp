@@ -43,6 +43,8 @@ void main()
         uint photons = counters.photon_count + all.y;
         counters.photon_count = photons;
         counters.photon_groups[0] = (photons + GROUP_SIZE - 1u) / GROUP_SIZE;
+        counters.photon_quads[0] = 6u * photons;
+        counters.photon_quads[1] = 1u;
         uint next = 4u * (1u - parity);
         counters.queue[next] = (all.x + GROUP_SIZE - 1u) / GROUP_SIZE;
         counters.queue[next + 1u] = 1u;

@@ -5,8 +5,9 @@
 //
 // Reads   photons, targets
 // Writes  irradiance sums in units of frame.irradiance_unit: low and high word per channel
-// Source  design 6, 7; aaps-thesis 3.1.3, 5.1.5
+// Source  design 6, 7; aaps-thesis 3.1.3, 5.1.3 to 5.1.5
 #include "frame.glsl"
+#include "ellipse.glsl"
 #include "optics.glsl"
 #include "photons.glsl"
 #include "targets.glsl"
@@ -33,6 +34,55 @@ void add_pixel(uint pixel, vec3 value)
     }
 }
 
+// Walks the pixels that the ellipse overlaps. Each gets its share exactly, as the difference of areas up to its edges, so
+// that the shares add up to the whole ellipse whatever their rounding.
+void draw_overlaps(photon p, vec3 value, vec3 normal, ivec2 size, inout uint evaluated, inout uint inside, inout uint reached)
+{
+    screen_ellipse e = ellipse_on_screen(p);
+    vec2 extent = sqrt(vec2(e.xx, e.yy));
+    float across = extent.x * extent.y, cosine = clamp(e.xy / across, -1.0, 1.0);
+    float sine = clamp(sqrt(e.det) / across, 1e-6, 1.0);
+    float turn = atan(sine, cosine);
+    float disk_px2 = sqrt(e.det);
+    int y = max(int(floor(e.middle.y - extent.y)), 0);
+    int y_end = min(int(floor(e.middle.y + extent.y)), size.y - 1);
+    int x = 1, x_end = 0;
+    float low = 0.0, high = 0.0, before = 0.0; // the row's edges, in units of the ellipse; area left of x
+    for (;;) {
+        if (x > x_end) {
+            if (y > y_end)
+                break;
+            low = clamp((float(y) - e.middle.y) / extent.y, -1.0, 1.0);
+            high = clamp((float(y + 1) - e.middle.y) / extent.y, -1.0, 1.0);
+            // how far the ellipse reaches in this row: at its extreme point, or at an edge
+            float low_width = sine * sqrt((1.0 - low) * (1.0 + low)), high_width = sine * sqrt((1.0 - high) * (1.0 + high));
+            float left = low <= -cosine && -cosine <= high ? -1.0 : min(cosine * low - low_width, cosine * high - high_width);
+            float right = low <= cosine && cosine <= high ? 1.0 : max(cosine * low + low_width, cosine * high + high_width);
+            x = max(int(floor(e.middle.x + extent.x * left)), 0);
+            x_end = min(int(floor(e.middle.x + extent.x * right)), size.x - 1);
+            float edge = clamp((float(x) - e.middle.x) / extent.x, -1.0, 1.0);
+            before = disk_wedge(edge, high, turn, cosine, sine) - disk_wedge(edge, low, turn, cosine, sine);
+            y++;
+        }
+        if (x <= x_end) {
+            evaluated++;
+            float edge = clamp((float(x + 1) - e.middle.x) / extent.x, -1.0, 1.0);
+            float up_to = disk_wedge(edge, high, turn, cosine, sine) - disk_wedge(edge, low, turn, cosine, sine);
+            float share = (up_to - before) * disk_px2;
+            before = up_to;
+            if (share > 0.0) {
+                inside++;
+                uint pixel = uint((y - 1) * size.x + x);
+                if (target_accepts(targets[pixel], p.position.xyz, normal, p.density.w)) {
+                    reached = 1u;
+                    add_pixel(pixel, value * share);
+                }
+            }
+            x++;
+        }
+    }
+}
+
 void main()
 {
     uint index = gl_GlobalInvocationID.x;
@@ -43,7 +93,7 @@ void main()
     bool is_drawn = index < counters.photon_count;
     if (is_drawn) {
         p = photons[index];
-        is_drawn = p.cell != NONE;
+        is_drawn = p.cell != NONE && !(AA == AA_MSAA_SMALL && ellipse_is_small(p)); // those are quads
     }
     if (is_drawn) {
         vec3 normal = unpack_normal(floatBitsToUint(p.position.w));
@@ -76,6 +126,8 @@ void main()
                     }
                 }
             }
+        } else if (AA == AA_COVERAGE) {
+            draw_overlaps(p, value, normal, size, evaluated, inside, reached);
         } else {
             float u00 = p.ellipse.x, u01 = p.ellipse.y, u11 = p.ellipse.z;
             float a = u00 * u00 - w.x * w.x;
@@ -110,7 +162,7 @@ void main()
                         inside++;
                         if (target_accepts(targets[pixel], p.position.xyz, normal, p.density.w)) {
                             reached = 1u;
-                            add_pixel(pixel, AA == AA_NONE ? value : value * (1.0 - r2));
+                            add_pixel(pixel, AA == AA_FILTER ? value * (1.0 - r2) : value);
                         }
                     }
                     x++;

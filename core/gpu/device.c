@@ -562,6 +562,7 @@ static VkResult create_device(struct gpu *gpu)
     gpu->has_float16 = supported.v12.shaderFloat16;
     gpu->has_int8 = supported.v12.shaderInt8;
     gpu->has_sample_shading = supported.core.features.sampleRateShading;
+    gpu->has_fragment_stores = supported.core.features.fragmentStoresAndAtomics;
 
     struct features features = {0};
     chain_features(&features, gpu->info.has_ray_query);

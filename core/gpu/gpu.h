@@ -233,9 +233,14 @@ struct gpu_raster_params {
     uint32_t width, height, samples; /* samples 0 counts as 1 */
     bool per_sample;                 /* sample shading */
     bool half;                       /* RGBA16F instead of RGBA32F */
+    bool writes_buffers;             /* the fragment shader writes to storage buffers */
 };
 
 struct gpu_raster; /* pipeline and its attachment */
+
+/* Whether the device has what gpu_raster_create would ask of it for these sizes, samples and features;
+ * shaders are not looked at. The error names what is missing. */
+bool gpu_raster_check(struct gpu *gpu, const struct gpu_raster_params *params, struct error *error);
 
 struct gpu_raster *gpu_raster_create(struct gpu *gpu, const struct gpu_raster_params *params,
                                      struct error *error);

@@ -120,7 +120,7 @@ struct gpu {
     uint32_t queue_family;
     uint32_t timestamp_bits;
     uint32_t scratch_alignment; /* of acceleration structure builds */
-    bool has_debug_utils, has_graphics, has_sample_shading;
+    bool has_debug_utils, has_graphics, has_sample_shading, has_fragment_stores;
     bool has_float16, has_float64, has_int16, has_int8;
     bool is_lost;
     uint64_t validation_count; /* atomic */

@@ -78,9 +78,11 @@ static void destroy_image(struct gpu *gpu, struct image *image)
     memory_free(gpu, image->allocation, image->allocated_bytes);
 }
 
-static bool check_params(struct gpu *gpu, const struct gpu_raster_params *params, const char *name,
-                         VkFormat format, uint32_t samples, struct error *error)
+bool gpu_raster_check(struct gpu *gpu, const struct gpu_raster_params *params, struct error *error)
 {
+    const char *name = params->name ? params->name : "raster";
+    const uint32_t samples = params->samples ? params->samples : 1;
+    const VkFormat format = params->half ? VK_FORMAT_R16G16B16A16_SFLOAT : VK_FORMAT_R32G32B32A32_SFLOAT;
     if (!gpu->has_graphics) {
         return error_set(error, STATUS_UNSUPPORTED, "'%s' needs a graphics queue, which %s does not have",
                          name, gpu->info.name);
@@ -109,6 +111,11 @@ static bool check_params(struct gpu *gpu, const struct gpu_raster_params *params
     if (params->per_sample && !gpu->has_sample_shading) {
         return error_set(error, STATUS_UNSUPPORTED, "'%s' needs per-sample shading, which %s does not have",
                          name, gpu->info.name);
+    }
+    if (params->writes_buffers && !gpu->has_fragment_stores) {
+        return error_set(error, STATUS_UNSUPPORTED,
+                         "'%s' needs stores from fragment shaders, which %s does not have", name,
+                         gpu->info.name);
     }
     return true;
 }
@@ -212,7 +219,7 @@ struct gpu_raster *gpu_raster_create(struct gpu *gpu, const struct gpu_raster_pa
     const char *name = params->name ? params->name : "raster";
     const uint32_t samples = params->samples ? params->samples : 1;
     const VkFormat format = params->half ? VK_FORMAT_R16G16B16A16_SFLOAT : VK_FORMAT_R32G32B32A32_SFLOAT;
-    if (!check_params(gpu, params, name, format, samples, error)) {
+    if (!gpu_raster_check(gpu, params, error)) {
         return NULL;
     }
     struct gpu_raster *raster = calloc(1, sizeof *raster);

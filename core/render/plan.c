@@ -25,6 +25,9 @@ void plan_make(const struct view *view, const struct features *features, uint32_
     plan->has_output = plan->has_gbuffer && images != 0;
     plan->has_feedback = plan->has_photons && settings->density != DENSITY_UNIFORM;
     plan->has_variance = plan->has_feedback && (bits & FEATURE_VARIANCE) != 0;
+    bool is_all_quads = settings->aa == SPLAT_AA_MSAA || settings->aa == SPLAT_AA_MSAA_SAMPLE;
+    plan->has_sums = plan->has_photons && !is_all_quads;
+    plan->has_quads = plan->has_photons && (is_all_quads || settings->aa == SPLAT_AA_MSAA_SMALL);
 
     const char *no_photons =
         features->black_reason ? features->black_reason : "no requested channel shows caustics";
@@ -39,6 +42,12 @@ void plan_make(const struct view *view, const struct features *features, uint32_
     line(plan, "density", plan->has_photons, "photons are emitted by the task buffers", no_photons);
     line(plan, "photons", plan->has_photons, "the scene has lights, casters and receivers", no_photons);
     line(plan, "splat", plan->has_photons, "photons are drawn into the view", no_photons);
+    line(plan, "multisampled quads", plan->has_quads,
+         is_all_quads ? "aa=msaa and aa=msaa_sample rasterise every splat"
+                      : "aa=msaa_small rasterises splats below msaa_threshold",
+         plan->has_photons ? "this anti-aliasing takes no samples: splats are computed" : no_photons);
+    line(plan, "splat sums", plan->has_sums, "splats are computed and add up in fixed point",
+         plan->has_photons ? "aa=msaa and aa=msaa_sample blend all splats as quads" : no_photons);
     line(plan, "feedback", plan->has_feedback, "density follows what photons did",
          plan->has_photons ? "density=uniform does not adapt" : no_photons);
     line(plan, "variance", plan->has_variance, "variance_gain is above 0",

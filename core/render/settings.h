@@ -16,7 +16,15 @@ enum setting_type { SETTING_BOOL, SETTING_INT, SETTING_FLOAT, SETTING_CHOICE };
 
 enum density_rule { DENSITY_SQRT, DENSITY_AREA, DENSITY_UNIFORM };
 enum split_rule { SPLIT_ENERGY, SPLIT_ONCE, SPLIT_ROULETTE };
-enum splat_aa { SPLAT_AA_FILTER, SPLAT_AA_NONE, SPLAT_AA_PIXEL };
+enum splat_aa {
+    SPLAT_AA_FILTER,
+    SPLAT_AA_NONE,
+    SPLAT_AA_PIXEL,
+    SPLAT_AA_MSAA,
+    SPLAT_AA_MSAA_SAMPLE,
+    SPLAT_AA_MSAA_SMALL,
+    SPLAT_AA_COVERAGE
+};
 enum depth_test { DEPTH_TEST_PLANE, DEPTH_TEST_MARGIN };
 enum tile_fit { TILE_FIT_CASTERS, TILE_FIT_FULL };
 
@@ -45,8 +53,12 @@ enum tile_fit { TILE_FIT_CASTERS, TILE_FIT_FULL };
     S(kappa, FLOAT, 0.05, 16, 1.5, "", "footprint scale: covariance of the photon spacing times this")       \
     S(max_anisotropy, FLOAT, 1, 1e4, 64, "", "most a footprint may be longer than wide")                     \
     S(max_radius, FLOAT, 1, 4096, 64, "", "longest footprint radius on screen, px; energy is kept")          \
-    S(aa, CHOICE, 0, 2, SPLAT_AA_FILTER, "filter,none,pixel",                                                \
-      "splats: pixel-filtered footprint, ellipse at pixel centres, or all energy in one pixel")              \
+    S(aa, CHOICE, 0, 6, SPLAT_AA_FILTER, "filter,none,pixel,msaa,msaa_sample,msaa_small,coverage",           \
+      "splats: pixel-filtered footprint; ellipse at pixel centres; all energy in one pixel; multisampled "   \
+      "quads shaded once per pixel (it dims), per sample, or per sample only when small; exact overlap of "  \
+      "ellipse and pixel")                                                                                   \
+    S(msaa_threshold, FLOAT, 0, 1e6, 4, "",                                                                  \
+      "with aa=msaa_small: area below which a splat is multisampled, px^2")                                  \
     S(filter_radius, FLOAT, 0.25, 4, 0.75, "", "support radius of the pixel filter, px")                     \
     S(depth_test, CHOICE, 0, 1, DEPTH_TEST_PLANE, "plane,margin",                                            \
       "where a splat may land: near its own plane, or within 1 % of the camera distance (the thesis)")       \

@@ -34,7 +34,8 @@
     S(flux_thinned, "W",                                                                                     \
       "weaker branches left to others on the lattice, less what those carry: sampling error, near 0")        \
     S(flux_buffer, "W", "integral of the caustics buffer's irradiance over what the view sees")              \
-    S(kernel_evaluations, "count", "times a splat's kernel was evaluated at a pixel")                        \
+    S(aa_samples, "count", "samples per pixel that splats were drawn with; 1 where none are taken")          \
+    S(kernel_evaluations, "count", "times a splat's kernel was evaluated at a pixel; not counted in quads")  \
     S(kernel_pixels, "count", "evaluations that fell inside the ellipse")                                    \
     S(density_total, "count", "sum of the density over all cells before rounding")                           \
     S(density_largest, "count", "density of the densest cell")                                               \

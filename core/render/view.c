@@ -18,15 +18,11 @@ static uint64_t now_ns(void)
 /* ---- buffers and dispatches ---------------------------------------------------------------------------- */
 
 static const char *const buffer_names[BUFFER_COUNT] = {
-    "frame",        "lights",      "counters",
-    "caster boxes", "caster mask", "density",
-    "density",      "quadtree",    "partials",
-    "feedback",     "variance",    "thinning",
-    "rays",         "rays",        "queue",
-    "queue",        "outcomes",    "groups",
-    "photons",      "surfaces",    "targets",
-    "sums",         "irradiance",  "irradiance",
-    "output",       "readback",    "counters readback",
+    "frame",      "lights",     "counters", "caster boxes", "caster mask",       "density",
+    "density",    "quadtree",   "partials", "feedback",     "variance",          "thinning",
+    "rays",       "rays",       "queue",    "queue",        "outcomes",          "groups",
+    "photons",    "surfaces",   "targets",  "sums",         "picture",           "reached",
+    "irradiance", "irradiance", "output",   "readback",     "counters readback",
 };
 
 bool view_buffer(struct view *view, enum view_buffer id, size_t size)
@@ -231,6 +227,7 @@ void view_destroy(struct view **view)
         return;
     for (uint32_t i = 0; i < BUFFER_COUNT; i++)
         gpu_buffer_destroy(&v->buffers[i]);
+    gpu_raster_destroy(&v->quads.raster);
     free(v->light_changes);
     free(v->tiles);
     free(v->lights);
@@ -360,6 +357,8 @@ bool view_set_setting(struct view *view, enum setting_id id, double value, struc
         value <= setting_infos[SETTING_photons].maximum)
         return error_set(error, STATUS_LIMIT, "setting 'photons' is at most %u on this device, not %.0f",
                          view->renderer->limits.max_photons, value);
+    if (id == SETTING_aa && !splat_check_aa(view->renderer, (int32_t)value, error))
+        return false;
     return settings_set(&view->settings, id, value, error);
 }
 
@@ -500,6 +499,7 @@ static void fill_frame(struct view *view, uint32_t subframe, uint32_t subframe_c
     data->max_anisotropy = s->max_anisotropy;
     data->max_radius = s->max_radius;
     data->filter_radius = s->filter_radius;
+    data->msaa_threshold = s->msaa_threshold;
     data->subframe_weight = 1.0f / (float)subframe_count;
     if (view->eye_pose != view->renderer->pose_version ||
         memcmp(&data->eye, &view->last_data.eye, 3 * sizeof(float)) != 0)
@@ -537,6 +537,8 @@ static bool prepare(struct view *view)
         readback += 2 * cells;
     if (ok && readback > 0)
         ok = view_buffer(view, BUFFER_READBACK, readback);
+    if (!plan->has_quads)
+        gpu_raster_destroy(&view->quads.raster);
     for (uint32_t i = 0; i < BUFFER_COUNT; i++)
         if (view->asked[i] == 0)
             gpu_buffer_destroy(&view->buffers[i]);
@@ -822,6 +824,7 @@ const struct frame_result *view_render(struct view *view, uint32_t channel_mask,
         renderer->uploaded_version = renderer->pose_version;
         if (view->plan.has_photons) {
             add_counters(view, 1.0 / subframes);
+            result->stats[STAT_aa_samples] = splat_samples(view);
             view->has_density = true;
             view->has_feedback = view->plan.has_feedback;
             view->has_previous = view->plan.has_variance;

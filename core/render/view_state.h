@@ -89,6 +89,8 @@ enum view_buffer {
     BUFFER_SURFACES,
     BUFFER_TARGETS,
     BUFFER_SUMS,
+    BUFFER_PICTURE,    /* what quads drew */
+    BUFFER_REACHED,    /* photons whose quad reached a pixel */
     BUFFER_IRRADIANCE, /* even and odd frames */
     BUFFER_IRRADIANCE_OTHER,
     BUFFER_OUTPUT,
@@ -110,6 +112,15 @@ struct plan {
     struct plan_line lines[VIEW_MAX_PLAN_LINES];
     uint32_t line_count;
     bool has_gbuffer, has_photons, has_feedback, has_variance, has_output;
+    bool has_sums;  /* splats add to fixed-point sums in compute */
+    bool has_quads; /* splats are rasterised */
+};
+
+/* The raster that draws quads, and what it was made for; NULL when none are drawn. */
+struct splat_quads {
+    struct gpu_raster *raster;
+    uint32_t width, height;
+    int32_t aa, depth_test;
 };
 
 struct light_tile {
@@ -137,6 +148,7 @@ struct view {
 
     struct gpu_buffer *buffers[BUFFER_COUNT];
     size_t asked[BUFFER_COUNT]; /* bytes this plan asked for; 0: not used */
+    struct splat_quads quads;
 
     /* temporal state */
     uint64_t frame;             /* frames rendered */
@@ -212,7 +224,10 @@ bool density_prepare(struct view *view);
 void density_record(struct view *view, struct gpu_frame *frame);
 bool photons_prepare(struct view *view);
 void photons_record(struct view *view, struct gpu_frame *frame);
+/* Whether the device has what this anti-aliasing (enum splat_aa) needs; the error names it. */
+bool splat_check_aa(const struct renderer *renderer, int32_t aa, struct error *error);
 bool splat_prepare(struct view *view);
+uint32_t splat_samples(const struct view *view); /* per pixel, of the current plan */
 void splat_record(struct view *view, struct gpu_frame *frame);
 void feedback_record(struct view *view, struct gpu_frame *frame);
 bool compose_prepare(struct view *view);

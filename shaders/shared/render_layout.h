@@ -47,6 +47,10 @@
 #define AA_FILTER            0
 #define AA_NONE              1
 #define AA_PIXEL             2
+#define AA_MSAA              3
+#define AA_MSAA_SAMPLE       4
+#define AA_MSAA_SMALL        5
+#define AA_COVERAGE          6
 #define DEPTH_PLANE          0
 #define DEPTH_MARGIN         1
 
@@ -125,9 +129,10 @@ struct frame_gpu {
     float target_area, variance_gain, temporal_weight, cull_energy;
     float cull_magnification, kappa, max_anisotropy, max_radius;
     float filter_radius, flux_unit, irradiance_unit, subframe_weight;
-    float cell_flux; /* of a mean cell, W */
-    uint eye_medium; /* list of the solids the eye is in (media.glsl) */
-    float pad0, pad1;
+    float cell_flux;      /* of a mean cell, W */
+    uint eye_medium;      /* list of the solids the eye is in (media.glsl) */
+    float msaa_threshold; /* px^2: with msaa_small, ellipses below it are multisampled */
+    float pad0;
 };
 SHARED_SIZE(frame_gpu, 352);
 
@@ -233,6 +238,7 @@ struct counters_gpu {
     uint stride[2]; /* child slots per ray, even and odd: 2 while splitting is allowed, 1 otherwise */
     uint pad1, pad2;
     uint photon_groups[4]; /* indirect dispatch over all stored photons; [3] unused */
+    uint photon_quads[4];  /* indirect draw of a quad for each: vertices, instances, firsts */
     /* the density control loop */
     float density_total; /* before the budget */
     float density_largest;
@@ -240,7 +246,7 @@ struct counters_gpu {
     float suggestion_scale; /* sqrt rule: makes the total that of the area rule */
 };
 #define QUEUE_COUNT 3 /* in queue[4 parity + ...] */
-SHARED_SIZE(counters_gpu, 304);
+SHARED_SIZE(counters_gpu, 320);
 
 /* Accumulators of one cell's feedback, 64-bit fixed point as low and high word. */
 struct feedback_gpu {

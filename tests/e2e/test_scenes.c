@@ -26,6 +26,7 @@ static void serve(const char *scene)
         double value;
     } changes[] = {{SETTING_aa, SPLAT_AA_NONE},
                    {SETTING_aa, SPLAT_AA_PIXEL},
+                   {SETTING_aa, SPLAT_AA_MSAA_SMALL},
                    {SETTING_split, SPLIT_ONCE},
                    {SETTING_split, SPLIT_ROULETTE},
                    {SETTING_density, DENSITY_AREA},

@@ -243,6 +243,45 @@ static void what_is_off_takes_no_memory(void **state)
     truth_close(&stage);
 }
 
+static void only_the_chosen_anti_aliasing_exists(void **state)
+{
+    (void)state;
+    static const struct {
+        const char *setting;
+        bool has_sums, has_quads;
+    } modes[] = {{"aa=filter", true, false},      {"aa=none", true, false},      {"aa=coverage", true, false},
+                 {"aa=pixel", true, false},       {"aa=msaa_small", true, true}, {"aa=msaa", false, true},
+                 {"aa=msaa_sample", false, true}, {"aa=filter", true, false}};
+    enum { MODES = sizeof modes / sizeof *modes };
+    struct truth stage;
+    stage_open(&stage, "sphere", WIDTH, HEIGHT, SMALL);
+    double bytes[MODES], samples = gpu_info(stage.gpu)->max_samples;
+    for (int i = 0; i < MODES; i++) {
+        if (modes[i].has_quads && samples < 2) {
+            print_message("%s: left out, the device takes one sample a pixel\n", modes[i].setting);
+            continue;
+        }
+        bytes[i] = bytes_of(&stage, modes[i].setting, CAUSTICS);
+        const struct frame_result *result = truth_render(&stage, 1, CAUSTICS);
+        print_message("%s: %+.0f bytes\n", modes[i].setting, bytes[i] - bytes[0]);
+        expect_line(result, "splat sums", modes[i].has_sums, modes[i].has_sums ? "fixed point" : "quads");
+        expect_line(result, "multisampled quads", modes[i].has_quads,
+                    modes[i].has_quads ? "rasterise" : "takes no samples");
+        assert_close(result->stats[STAT_aa_samples], modes[i].has_quads ? samples : 1, 0);
+        double contributing = result->stats[STAT_photons_contributing];
+        assert_true(contributing > 0);
+        assert_in_bound(contributing, result->stats[STAT_photons_splatted]);
+        /* the sums of one channel are two words a pixel, what quads draw four floats, resolved and as
+         * samples, and a word a photon */
+        double quads = 16.0 * PIXELS * (2 + samples);
+        if (modes[i].has_quads)
+            assert_true(bytes[i] >= bytes[0] + quads - (modes[i].has_sums ? 0 : 8.0 * PIXELS));
+        else
+            assert_close(bytes[i], bytes[0], 0);
+    }
+    truth_close(&stage);
+}
+
 static void white_light_is_one_channel(void **state)
 {
     (void)state;
@@ -321,7 +360,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(lines_say_what_ran),          cmocka_unit_test(black_frames_cost_nothing),
         cmocka_unit_test(what_is_off_takes_no_memory), cmocka_unit_test(white_light_is_one_channel),
-        cmocka_unit_test(requested_channels_decide),
+        cmocka_unit_test(requested_channels_decide),   cmocka_unit_test(only_the_chosen_anti_aliasing_exists),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -82,45 +82,111 @@ static struct gpu_pipeline *find_pipeline(struct pass_device *device, const stru
     return wanted.pipeline;
 }
 
-void pass_device_run(struct pass_device *device, const struct pass_run *run)
+/* The lists on the device; what is written gets a buffer to be read back from. */
+struct lists {
+    const struct pass_list *lists;
+    uint32_t count, mask;
+    struct gpu_buffer *buffers[LISTS], *readbacks[LISTS];
+    struct gpu_bind binds[LISTS];
+};
+
+static void upload_lists(struct pass_device *device, struct lists *on, const struct pass_list *lists,
+                         uint32_t count)
 {
     struct error error;
-    struct gpu_pipeline *pipeline = find_pipeline(device, run);
-    struct gpu_buffer *buffers[LISTS], *readbacks[LISTS] = {0};
-    struct gpu_bind binds[LISTS];
-    assert_true(run->list_count <= LISTS);
-    for (uint32_t i = 0; i < run->list_count; i++) {
-        const struct pass_list *list = &run->lists[i];
-        buffers[i] = gpu_buffer_create_filled(device->gpu, "list", list->data, list->size, false, &error);
-        check(buffers[i] != NULL, run->shader, &error);
+    *on = (struct lists){.lists = lists, .count = count};
+    assert_true(count <= LISTS);
+    for (uint32_t i = 0; i < count; i++) {
+        const struct pass_list *list = &lists[i];
+        on->buffers[i] = gpu_buffer_create_filled(device->gpu, "list", list->data, list->size, false, &error);
+        check(on->buffers[i] != NULL, "list", &error);
         if ((list->access & GPU_WRITE) && list->size > 0) {
-            readbacks[i] =
+            on->readbacks[i] =
                 gpu_buffer_create(device->gpu,
                                   &(struct gpu_buffer_params){
                                       .name = "readback", .size = list->size, .memory = GPU_MEMORY_READBACK},
                                   &error);
-            check(readbacks[i] != NULL, run->shader, &error);
+            check(on->readbacks[i] != NULL, "readback", &error);
         }
-        binds[i] = (struct gpu_bind){.binding = list->binding, .access = list->access, .buffer = buffers[i]};
+        on->mask |= 1u << list->binding;
+        on->binds[i] =
+            (struct gpu_bind){.binding = list->binding, .access = list->access, .buffer = on->buffers[i]};
     }
+}
+
+static void finish_lists(struct lists *on, struct gpu_frame *frame)
+{
+    struct error error;
+    for (uint32_t i = 0; i < on->count; i++)
+        if (on->readbacks[i])
+            gpu_record_copy(frame, on->readbacks[i], 0, on->buffers[i], 0, on->lists[i].size);
+    check(gpu_frame_submit(frame, &error) && gpu_frame_wait(frame, &error), "frame", &error);
+    for (uint32_t i = 0; i < on->count; i++) {
+        if (on->readbacks[i])
+            memcpy(on->lists[i].data, gpu_buffer_map(on->readbacks[i]), on->lists[i].size);
+        gpu_buffer_destroy(&on->readbacks[i]);
+        gpu_buffer_destroy(&on->buffers[i]);
+    }
+}
+
+void pass_device_run(struct pass_device *device, const struct pass_run *run)
+{
+    struct error error;
+    struct gpu_pipeline *pipeline = find_pipeline(device, run);
+    struct lists on;
+    upload_lists(device, &on, run->lists, run->list_count);
     struct gpu_frame *frame = gpu_frame_begin(device->gpu, &error);
     check(frame != NULL, run->shader, &error);
     gpu_record_dispatch(frame,
                         &(struct gpu_dispatch){.pipeline = pipeline,
-                                               .binds = binds,
-                                               .bind_count = run->list_count,
+                                               .binds = on.binds,
+                                               .bind_count = on.count,
                                                .push = run->has_push ? &run->push : NULL,
                                                .groups = {(run->threads + GROUP_SIZE - 1) / GROUP_SIZE}});
-    for (uint32_t i = 0; i < run->list_count; i++)
-        if (readbacks[i])
-            gpu_record_copy(frame, readbacks[i], 0, buffers[i], 0, run->lists[i].size);
-    check(gpu_frame_submit(frame, &error) && gpu_frame_wait(frame, &error), run->shader, &error);
-    for (uint32_t i = 0; i < run->list_count; i++) {
-        if (readbacks[i])
-            memcpy(run->lists[i].data, gpu_buffer_map(readbacks[i]), run->lists[i].size);
-        gpu_buffer_destroy(&readbacks[i]);
-        gpu_buffer_destroy(&buffers[i]);
-    }
+    finish_lists(&on, frame);
+}
+
+uint32_t pass_device_samples(const struct pass_device *device)
+{
+    return gpu_info(device->gpu)->max_samples;
+}
+
+void pass_device_draw(struct pass_device *device, const struct pass_draw *draw)
+{
+    struct error error;
+    struct lists on;
+    upload_lists(device, &on, draw->lists, draw->list_count);
+    const struct gpu_constant constants[] = {{CONSTANT_AA, draw->aa}, {CONSTANT_DEPTH, draw->depth}};
+    struct gpu_raster_params params = {.name = draw->vertex_shader,
+                                       .constants = constants,
+                                       .constant_count = 2,
+                                       .binding_mask = on.mask,
+                                       .width = draw->width,
+                                       .height = draw->height,
+                                       .samples = draw->samples,
+                                       .per_sample = draw->per_sample,
+                                       .writes_buffers = true};
+    params.vertex_spirv = shader_find(draw->vertex_shader, &params.vertex_bytes);
+    params.fragment_spirv = shader_find(draw->fragment_shader, &params.fragment_bytes);
+    struct gpu_raster *raster = gpu_raster_create(device->gpu, &params, &error);
+    check(raster != NULL, draw->vertex_shader, &error);
+    size_t size = sizeof(vec4) * draw->width * draw->height;
+    struct gpu_buffer *picture = gpu_buffer_create(
+        device->gpu,
+        &(struct gpu_buffer_params){.name = "picture", .size = size, .memory = GPU_MEMORY_READBACK}, &error);
+    check(picture != NULL, "picture", &error);
+    struct gpu_frame *frame = gpu_frame_begin(device->gpu, &error);
+    check(frame != NULL, draw->vertex_shader, &error);
+    gpu_record_draw(frame, &(struct gpu_draw){.raster = raster,
+                                              .binds = on.binds,
+                                              .bind_count = on.count,
+                                              .vertex_count = draw->vertices,
+                                              .instance_count = 1});
+    gpu_record_raster_read(frame, raster, picture);
+    finish_lists(&on, frame);
+    memcpy(draw->picture, gpu_buffer_map(picture), size);
+    gpu_buffer_destroy(&picture);
+    gpu_raster_destroy(&raster);
 }
 
 double pass_random(uint64_t *state)

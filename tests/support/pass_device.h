@@ -42,6 +42,23 @@ struct pass_run {
 /* Fails the running test on any error. */
 void pass_device_run(struct pass_device *device, const struct pass_run *run);
 
+/* A draw of triangles, cleared, blended and resolved; shaders are specialised by `aa` and `depth`. */
+struct pass_draw {
+    const char *vertex_shader, *fragment_shader;
+    uint32_t aa, depth;
+    uint32_t width, height, samples;
+    bool per_sample;
+    uint32_t vertices;
+    const struct pass_list *lists;
+    uint32_t list_count;
+    vec4 *picture; /* gets width * height pixels */
+};
+
+void pass_device_draw(struct pass_device *device, const struct pass_draw *draw);
+
+/* Samples a pixel of the device's multisampled RGBA32F. */
+uint32_t pass_device_samples(const struct pass_device *device);
+
 /* Value of a 64-bit fixed-point number kept as two words. */
 static inline double pass_fixed(uint32_t low, uint32_t high)
 {

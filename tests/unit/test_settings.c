@@ -173,7 +173,7 @@ static void texts_are_understood(void **state)
                {"density", ""},     {"jitter", "maybe"}, {"photons", "12x"},
                {"photons", ""},     {"photons", "nan"},  {"photons", "inf"},
                {"photons", "1.5"},  {"photons", "-1"},   {"kappa", "1e999"},
-               {"kappa", "1 2"},    {"cells", "100"},    {"aa", "msaa"}};
+               {"kappa", "1 2"},    {"cells", "100"},    {"aa", "taa"}};
     for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
         struct settings settings;
         struct error error = {0};
