@@ -42,7 +42,9 @@ void plot_number(double value, char *text, size_t size)
 {
     if (!isfinite(value))
         snprintf(text, size, "–");
-    else if (value != 0 && (fabs(value) < 1e-4 || fabs(value) >= 1e7))
+    else if (value == 0)
+        snprintf(text, size, "0"); /* no "-0" */
+    else if (fabs(value) < 1e-4 || fabs(value) >= 1e7)
         snprintf(text, size, "%.3g", value);
     else if (fabs(value) >= 1000)
         snprintf(text, size, "%.0f", value);
