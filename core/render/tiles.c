@@ -251,20 +251,27 @@ static void describe_light(const struct view *view, uint32_t index, struct light
     put_vec4(&light->intensity, intensity, intensity[0] + intensity[1] + intensity[2]);
 }
 
-/* Irradiance of uncaustic light at the nearest caster: the scale of the accumulator. */
+/* Irradiance of uncaustic light at the nearest caster: the scale of the accumulator. A caster that the light
+ * touches tells nothing about where its light lands, so a distance below a 32nd of the scene does not count:
+ * on a floor that far away the unit is still a millionth of what arrives. */
 static float reference_irradiance(const struct view *view, const struct light_gpu *light)
 {
+    const struct renderer *renderer = view->renderer;
     if (light->type == LIGHT_TYPE_DIRECTIONAL)
         return light->intensity.w;
-    float nearest = INFINITY;
-    for (uint32_t i = 0; i < view->renderer->caster_box_count; i++) {
-        const struct caster_box *box = &view->renderer->caster_boxes[i];
+    float nearest = INFINITY, size2 = 0;
+    for (int k = 0; k < 3; k++) {
+        float side = renderer->scene_max[k] - renderer->scene_min[k];
+        size2 += side * side;
+    }
+    for (uint32_t i = 0; i < renderer->caster_box_count; i++) {
+        const struct caster_box *box = &renderer->caster_boxes[i];
         float d[3] = {0.5f * (box->minimum.x + box->maximum.x) - light->position.x,
                       0.5f * (box->minimum.y + box->maximum.y) - light->position.y,
                       0.5f * (box->minimum.z + box->maximum.z) - light->position.z};
         nearest = fminf(nearest, dot3(d, d));
     }
-    return light->intensity.w / fmaxf(nearest, 1e-12f);
+    return light->intensity.w / fmaxf(fmaxf(nearest, size2 / (32 * 32)), 1e-12f);
 }
 
 void tiles_update(struct view *view)

@@ -191,6 +191,59 @@ static void a_lamp_in_the_middle_of_the_ball(void **state)
     truth_close(&stage);
 }
 
+/* A lamp over the middle of a sheet with glass below it: what arrives at the bottom, h below, has a closed
+ * form as long as the lamp is much nearer to the sheet than h. */
+static void a_lamp_at_the_glass(void **state)
+{
+    (void)state;
+    const double h = 1, ior = 1.5;
+    struct truth stage;
+    struct truth_params params = {
+        .caster = TRUTH_INTERFACE,
+        .size = 2,
+        .height = h,
+        .ior = ior,
+        .light = {0, h + 1e-3, 0},
+        .intensity = 1,
+        .camera = {.eye = {0, 0.95f, 0.3f}, .at = {0, 0, 0}, .up = {0, 1, 0}, .fov = 60},
+        .width = WIDTH,
+        .height_px = HEIGHT,
+        .settings = "photons=32768"};
+    truth_open(&stage, &params);
+    static const double gaps[] = {1e-3, 1e-5, 1e-6};
+    double worst = 0;
+    for (size_t i = 0; i < sizeof gaps / sizeof *gaps; i++) {
+        struct error error;
+        assert_true(view_set_light(stage.view, 0,
+                                   &(struct view_light){.overrides = LIGHT_OVERRIDE_POSITION,
+                                                        .position = {0, (float)(h + gaps[i]), 0}},
+                                   &error));
+        const struct frame_result *result = fresh(&stage, 4);
+        const float *values = truth_channel(result, CHANNEL_IRRADIANCE);
+        double apart = 0, whole = 0;
+        for (uint32_t y = 0; y < HEIGHT; y++)
+            for (uint32_t x = 0; x < WIDTH; x++) {
+                double floor[2];
+                assert_true(truth_floor_point(&stage, x + 0.5, y + 0.5, floor));
+                double d2 = floor[0] * floor[0] + floor[1] * floor[1] + h * h, cos_t = h / sqrt(d2);
+                double sin_i = ior * sqrt(1 - cos_t * cos_t);
+                if (sin_i > 0.95) /* grazing: the gap is no longer small */
+                    continue;
+                double cos_i = sqrt(1 - sin_i * sin_i);
+                double parallel = (ior * cos_i - cos_t) / (ior * cos_i + cos_t);
+                double across = (cos_i - ior * cos_t) / (cos_i + ior * cos_t);
+                double through = 1 - 0.5 * (parallel * parallel + across * across);
+                double expected = through * ior * ior * cos_t / cos_i * cos_t / d2;
+                apart += fabs((double)values[3 * (y * WIDTH + x)] - expected);
+                whole += expected;
+            }
+        print_message("lamp %g m above glass: %.4f from the closed form\n", gaps[i], apart / whole);
+        worst = fmax(worst, apart / whole);
+    }
+    assert_in_bound(worst, 0.03);
+    truth_close(&stage);
+}
+
 /* ---- thin, black, coloured ----------------------------------------------------------------------------- */
 
 /* A beam of 0.1 degree from 200 m up through the middle of the ball: its flux in closed form, and what
@@ -252,13 +305,11 @@ int main(void)
     if (gpu_list(NULL, 0) == 0)
         skip_program("there is no Vulkan device");
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(intensity_is_a_factor),
-        cmocka_unit_test(the_limit_is_named),
-        cmocka_unit_test(no_light_no_picture),
-        cmocka_unit_test(a_lamp_on_the_floor),
-        cmocka_unit_test(a_lamp_in_the_middle_of_the_ball),
-        cmocka_unit_test(a_spot_of_a_tenth_of_a_degree),
-        cmocka_unit_test(channels_without_light_stay_black),
+        cmocka_unit_test(intensity_is_a_factor),     cmocka_unit_test(the_limit_is_named),
+        cmocka_unit_test(no_light_no_picture),       cmocka_unit_test(sixty_four_lights_add_up),
+        cmocka_unit_test(a_lamp_on_the_floor),       cmocka_unit_test(a_lamp_in_the_middle_of_the_ball),
+        cmocka_unit_test(a_lamp_at_the_glass),       cmocka_unit_test(a_spot_of_a_tenth_of_a_degree),
+        cmocka_unit_test(black_lights_cost_nothing), cmocka_unit_test(channels_without_light_stay_black),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
