@@ -1,6 +1,6 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
-// caster_mask.comp: marks the cells of every light's tile whose rays can meet a caster.
+// caster_mask.comp: marks the cells of every light's tile whose rays can meet a caster; none of a black light's.
 //
 // Reads   lights, caster boxes
 // Writes  mask, 1 or 0 per cell, conservative
@@ -37,11 +37,16 @@ void main()
     uint light_index = cell_light(cell);
     if (light_index >= frame.tile_slots)
         return;
-    if (light_index >= frame.light_count) {
+    light_gpu light;
+    bool is_lit = light_index < frame.light_count;
+    if (is_lit) {
+        light = lights[light_index];
+        is_lit = light.intensity.w > 0.0;
+    }
+    if (!is_lit) {
         mask[cell] = 0u;
         return;
     }
-    light_gpu light = lights[light_index];
     float size = 1.0 / float(frame.cells);
     vec2 corner = vec2(cell_place(cell)) * size;
     bool meets = false;

@@ -1,6 +1,7 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
-// density_seed.comp: densities for tiles without a past: flat at first, remapped when a light's tile moved.
+// density_seed.comp: densities for tiles without a past: flat at first, remapped when a light's tile moved. Flat always
+// with density=uniform.
 //
 // Reads   lights, mask, last frame's density
 // Writes  density, per cell
@@ -25,7 +26,7 @@ void main()
     light_gpu light = lights[light_index];
     // the budget's scale turns this into what the budget allows
     float value = float(frame.photon_budget);
-    if (light.has_previous != 0u) {
+    if (DENSITY != DENSITY_UNIFORM_RULE && light.has_previous != 0u) {
         value = old_density[cell];
         if (light.changed != 0u) {
             vec2 uv = (vec2(cell_place(cell)) + 0.5) / float(frame.cells);

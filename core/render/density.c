@@ -87,6 +87,9 @@ void density_record(struct view *view, struct gpu_frame *frame)
                                               .groups = {groups, 1},
                                               USES({BINDING_PASS, GPU_READ, BUFFER_BOXES},
                                                    {BINDING_PASS + 1, GPU_WRITE, BUFFER_MASK})});
+    }
+    /* Uniform density has no update that would follow a new budget. */
+    if (view->mask_is_stale || view->settings.density == DENSITY_UNIFORM) {
         view_dispatch(view, frame,
                       &(struct view_dispatch){.shader = "density_seed.comp",
                                               .lights = true,

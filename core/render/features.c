@@ -57,7 +57,6 @@ void features_find(const struct view *view, uint32_t channel_mask, struct featur
             grey = grey && is_grey(material->base_color) && material->base_color_image == SCENE_NONE;
     }
     const float *first = NULL;
-    bool any_power = false;
     for (uint32_t i = 0; i < scene->light_count; i++) {
         const struct scene_light *light = &scene->lights[i];
         const struct view_light *change = &view->light_changes[i];
@@ -68,7 +67,7 @@ void features_find(const struct view *view, uint32_t channel_mask, struct featur
                                                            : FEATURE_POINT;
         if (!(intensity[0] + intensity[1] + intensity[2] > 0))
             continue;
-        any_power = true;
+        features->lit_count++;
         /* lights of one tint differ by a factor only */
         if (first && (intensity[0] * first[1] != intensity[1] * first[0] ||
                       intensity[1] * first[2] != intensity[2] * first[1] ||
@@ -97,7 +96,7 @@ void features_find(const struct view *view, uint32_t channel_mask, struct featur
     features->black_reason =
         scene->instance_count == 0      ? "the scene has no geometry"
         : scene->light_count == 0       ? "the scene has no light"
-        : !any_power                    ? "every light is black"
+        : features->lit_count == 0      ? "every light is black"
         : features->caster_count == 0   ? "no material refracts or mirrors: there is no caster"
         : features->receiver_count == 0 ? "no surface receives light: there is no diffuse material"
                                         : NULL;

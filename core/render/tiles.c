@@ -291,7 +291,7 @@ void tiles_update(struct view *view)
             light->medium =
                 solids_at(&renderer->solids, renderer->scene, renderer->pose, renderer->trees,
                           (const float[3]){light->position.x, light->position.y, light->position.z});
-        changed |= has_moved;
+        changed |= has_moved || (before.intensity.w > 0) != (light->intensity.w > 0);
         if (light->type == LIGHT_TYPE_DIRECTIONAL)
             fit_beam(view, light, tile);
         else
@@ -323,5 +323,6 @@ void tiles_update(struct view *view)
     struct frame_gpu *data = &view->data;
     data->flux_unit = fmaxf(flux, 1e-30f) * 0x1p-40f;
     data->irradiance_unit = fmaxf(reference, 1e-30f) * 0x1p-26f;
-    data->cell_flux = fmaxf(flux, 1e-30f) / ((float)count * (float)(view->cells * view->cells));
+    data->cell_flux = fmaxf(flux, 1e-30f) /
+                      (fmaxf((float)view->features.lit_count, 1) * (float)(view->cells * view->cells));
 }

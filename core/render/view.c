@@ -444,10 +444,10 @@ static void fill_camera(struct view *view, struct frame_gpu *data, uint32_t subf
     c[14] = near * far / (near - far);
 }
 
-/* Every light gets a tile of this many cells a side, so that the least samples fit the budget. */
+/* Every lit light gets a tile of this many cells a side, so that the least samples fit the budget. */
 static uint32_t cells_within_budget(const struct view *view)
 {
-    uint32_t cells = (uint32_t)view->settings.cells, lights = view->features.light_count;
+    uint32_t cells = (uint32_t)view->settings.cells, lights = view->features.lit_count;
     uint64_t side = 1;
     while ((side + 1) * (side + 1) <= (uint64_t)view->settings.min_samples)
         side++;

@@ -104,6 +104,7 @@ enum view_buffer {
 struct features {
     uint32_t bits; /* FEATURE_* */
     uint32_t light_count, caster_count, receiver_count;
+    uint32_t lit_count;  /* lights that are not black */
     bool needs_caustics; /* some channel or statistic depends on photons */
     const char *black_reason;
 };

@@ -130,6 +130,67 @@ static void no_light_no_picture(void **state)
     truth_close(&stage);
 }
 
+/* 64 lights over the ball. With uniform density each has its 64th of the budget, and the picture is the sum
+ * of the single ones but for rounding; with the default rule it is near that sum of finer pictures. */
+static void sixty_four_lights_add_up(void **state)
+{
+    (void)state;
+    enum { LIGHTS = SCENE_MAX_LIGHTS, SHARE = 1024, VALUES = 3 * WIDTH * HEIGHT };
+    struct ball_light lights[LIGHTS];
+    for (uint32_t i = 0; i < LIGHTS; i++)
+        lights[i] = (struct ball_light){
+            .position = {0.5 * (i % 8) - 1.75, 3.5 + 0.02 * (i % 5), 0.5 * (int)(i / 8) - 1.75},
+            .intensity = GREY(1)};
+    char settings[96];
+    snprintf(settings, sizeof settings, "density=uniform photons=%d cells=16", LIGHTS * SHARE);
+    struct truth stage;
+    struct balls_params params = lit_by(lights, LIGHTS, settings);
+    balls_open(&stage, &params);
+    uint32_t channels = 1u << CHANNEL_IRRADIANCE | 1u << CHANNEL_DENSITY;
+    float *uniform = copy_of(truth_channel(truth_render(&stage, 1, channels), CHANNEL_IRRADIANCE));
+    truth_set(&stage, "density=sqrt");
+    const struct frame_result *result = truth_render(&stage, 6, channels);
+    float *adaptive = copy_of(truth_channel(result, CHANNEL_IRRADIANCE));
+    double photons[LIGHTS], least = 1e30, emitted = 0;
+    balls_light_photons(result, LIGHTS, photons);
+    for (uint32_t i = 0; i < LIGHTS; i++) {
+        least = fmin(least, photons[i]);
+        emitted += photons[i];
+    }
+    assert_close(emitted, result->stats[STAT_photons_emitted], 0);
+    assert_in_bound(emitted, LIGHTS * SHARE);
+    for (uint32_t i = 0; i < LIGHTS; i++)
+        balls_set_intensity(&stage, i, 0);
+    double sum[2][VALUES] = {{0}}, apart[2] = {0, 0}, whole = 0;
+    for (int fine = 0; fine < 2; fine++) {
+        snprintf(settings, sizeof settings, "density=uniform photons=%d cells=%d", fine ? 4096 : SHARE,
+                 fine ? 32 : 16);
+        truth_set(&stage, settings);
+        for (uint32_t i = 0; i < LIGHTS; i++) {
+            balls_set_intensity(&stage, i, 1);
+            const float *one =
+                truth_channel(truth_render(&stage, 1, 1u << CHANNEL_IRRADIANCE), CHANNEL_IRRADIANCE);
+            balls_set_intensity(&stage, i, 0);
+            for (size_t k = 0; k < VALUES; k++)
+                sum[fine][k] += (double)one[k];
+        }
+    }
+    for (size_t k = 0; k < VALUES; k++) {
+        apart[0] += fabs((double)uniform[k] - sum[0][k]);
+        apart[1] += fabs((double)adaptive[k] - sum[1][k]);
+        whole += sum[1][k];
+    }
+    print_message("64 lights, uniform: %.2g from the sum of single pictures\n", apart[0] / whole);
+    print_message("64 lights: %.0f photons of %d, each light at least %.0f; %.4f from the sum of fine single "
+                  "pictures\n",
+                  emitted, LIGHTS * SHARE, least, apart[1] / whole);
+    assert_in_bound(apart[0] / whole, 1e-5);
+    assert_in_bound(apart[1] / whole, 0.1);
+    free(uniform);
+    free(adaptive);
+    truth_close(&stage);
+}
+
 /* ---- touching ------------------------------------------------------------------------------------------ */
 
 /* A lamp in the floor, on it and a hair above it sends up what one a millimetre above it does. */
@@ -275,6 +336,41 @@ static void a_spot_of_a_tenth_of_a_degree(void **state)
         assert_close(result->stats[STAT_flux_buffer] / (through * flux), 1, 0.01);
         truth_close(&stage);
     }
+}
+
+static void black_lights_cost_nothing(void **state)
+{
+    (void)state;
+    struct truth stage;
+    const struct ball_light lamps[2] = {{.position = {0.3, 4, 0.2}, .intensity = GREY(1)},
+                                        {.position = {-1, 4, 0.2}, .intensity = GREY(0)}};
+    struct balls_params params = lit_by(lamps, 2, "photons=16384");
+    balls_open(&stage, &params);
+    const struct frame_result *result =
+        truth_render(&stage, 4, 1u << CHANNEL_IRRADIANCE | 1u << CHANNEL_DENSITY);
+    double photons[2];
+    balls_light_photons(result, 2, photons);
+    print_message("a lit light has %.0f photons, a black one %.0f\n", photons[0], photons[1]);
+    assert_true(photons[0] > 1000);
+    assert_close(photons[1], 0, 0);
+    float *first = copy_of(truth_channel(result, CHANNEL_IRRADIANCE));
+    double flux = result->stats[STAT_flux_buffer];
+    /* and it comes back with its whole caustic when it is lit: by symmetry close to the other's */
+    balls_set_intensity(&stage, 1, 1);
+    result = truth_render(&stage, 1, 1u << CHANNEL_IRRADIANCE);
+    const float *both = truth_channel(result, CHANNEL_IRRADIANCE);
+    for (size_t i = 0; i < 3 * WIDTH * HEIGHT; i++)
+        assert_true(isfinite(both[i]));
+    assert_close(result->stats[STAT_flux_buffer] / flux, 2, 0.2);
+    balls_set_intensity(&stage, 0, 0);
+    balls_set_intensity(&stage, 1, 0);
+    result = truth_render(&stage, 1, 1u << CHANNEL_IRRADIANCE);
+    assert_non_null(strstr(result->black_reason, "black"));
+    const float *dark = truth_channel(result, CHANNEL_IRRADIANCE);
+    for (size_t i = 0; i < 3 * WIDTH * HEIGHT; i++)
+        assert_true(dark[i] == 0);
+    free(first);
+    truth_close(&stage);
 }
 
 static void channels_without_light_stay_black(void **state)
