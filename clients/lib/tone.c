@@ -5,11 +5,19 @@
 
 #define MIDDLE_GREY 0.22 /* linear; sRGB 128 */
 
+static double shown(float value, double exposure)
+{
+    return value > 0 ? 1 - exp(-exp2(exposure) * (double)value) : 0;
+}
+
+float tone_linear(float value, double exposure)
+{
+    return (float)shown(value, exposure);
+}
+
 uint8_t tone_byte(float value, double exposure)
 {
-    if (!(value > 0))
-        return 0;
-    double linear = 1 - exp(-exp2(exposure) * (double)value);
+    double linear = shown(value, exposure);
     double encoded = linear <= 0.0031308 ? 12.92 * linear : 1.055 * pow(linear, 1 / 2.4) - 0.055;
     return (uint8_t)(encoded * 255 + 0.5);
 }

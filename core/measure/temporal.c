@@ -7,8 +7,9 @@
 
 void temporal_luminance(const float *rgb, size_t count, float *luminance)
 {
+    const struct measure_image image = {.values = rgb, .components = 3};
     for (size_t i = 0; i < count; i++)
-        luminance[i] = 0.2126f * rgb[3 * i] + 0.7152f * rgb[3 * i + 1] + 0.0722f * rgb[3 * i + 2];
+        luminance[i] = (float)measure_luminance(&image, i);
 }
 
 double temporal_caustic_threshold(const float *picture, size_t count, double share)
@@ -26,8 +27,7 @@ double temporal_caustic_threshold(const float *picture, size_t count, double sha
     return threshold;
 }
 
-/* ---- static flicker -------------------------------------------------------------------------------------
- */
+/* ---- static flicker ------------------------------------------------------------------------------------ */
 
 struct temporal_pixels {
     uint32_t width, height, frames;
@@ -174,8 +174,13 @@ bool temporal_flicker(const struct temporal_pixels *pixels, const struct tempora
     return is_done;
 }
 
-/* ---- differences and steps ------------------------------------------------------------------------------
- */
+/* ---- differences and steps ----------------------------------------------------------------------------- */
+
+/* Of sums of squares; nothing of nothing is 0. */
+static double root_share(double part, double whole)
+{
+    return whole > 0 ? sqrt(part / whole) : part > 0 ? (double)INFINITY : 0;
+}
 
 void temporal_difference(const float *before, const float *now, const float *reference_before,
                          const float *reference_now, size_t count, struct temporal_difference *difference)
@@ -192,9 +197,8 @@ void temporal_difference(const float *before, const float *now, const float *ref
     *difference = (struct temporal_difference){
         .rmse = sqrt(wrong / pixels),
         .reference_change = sqrt(change / pixels),
-        .relative = light > 0   ? sqrt(wrong / light)
-                    : wrong > 0 ? INFINITY
-                                : 0,
+        .relative = root_share(wrong, light),
+        .relative_change = root_share(change, light),
     };
 }
 

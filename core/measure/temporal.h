@@ -17,16 +17,14 @@
 /* Rec. 709 luminance of `count` interleaved RGB pixels. */
 void temporal_luminance(const float *rgb, size_t count, float *luminance);
 
-/* ---- which pixels are caustic ---------------------------------------------------------------------------
- */
+/* ---- which pixels are caustic -------------------------------------------------------------------------- */
 
 /* A pixel is caustic when it is at least this bright: `share` (0: 0.02) of the 99th percentile of the lit
  * pixels, so that neither a firefly nor the empty part of the picture moves the bar. INFINITY for a black
  * picture: then no pixel is. Allocates; NAN when there is no memory. */
 double temporal_caustic_threshold(const float *picture, size_t count, double share);
 
-/* ---- static flicker -------------------------------------------------------------------------------------
- */
+/* ---- static flicker ------------------------------------------------------------------------------------ */
 
 struct temporal_pixels;
 
@@ -59,20 +57,19 @@ bool temporal_flicker(const struct temporal_pixels *pixels, const struct tempora
 bool temporal_largest_patch(const uint8_t *mask, uint32_t width, uint32_t height, uint32_t *pixels,
                             struct error *error);
 
-/* ---- differences between frames -------------------------------------------------------------------------
- */
+/* ---- differences between frames ------------------------------------------------------------------------ */
 
 struct temporal_difference {
     double rmse;             /* of (now - before) against the reference's own (now - before) */
     double reference_change; /* root mean square of the reference's own */
     double relative;         /* rmse over the root mean square of the reference picture now */
+    double relative_change;  /* reference_change over the same */
 };
 
 void temporal_difference(const float *before, const float *now, const float *reference_before,
                          const float *reference_now, size_t count, struct temporal_difference *difference);
 
-/* ---- steps ----------------------------------------------------------------------------------------------
- */
+/* ---- steps --------------------------------------------------------------------------------------------- */
 
 /* The share of a change that is still to be made: sum |picture - settled| / sum |old - settled|. NAN when
  * old and settled are the same. */

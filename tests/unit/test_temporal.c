@@ -176,6 +176,7 @@ static void differences_against_the_references_own(void **state)
     temporal_difference(before, before, before, now, 4, &d);
     assert_close(d.rmse, sqrt(8), 1e-12);
     assert_close(d.relative, sqrt(2), 1e-12);
+    assert_close(d.relative_change, sqrt(2), 1e-12);
     temporal_difference(before, now, now, now, 4, &d); /* moves where nothing should */
     assert_close(d.rmse, sqrt(8), 1e-12);
     assert_close(d.reference_change, 0, 0);
