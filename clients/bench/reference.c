@@ -7,11 +7,12 @@
 #include <unistd.h>
 
 #include "../../core/image/image_io.h"
+#include "../../core/image/picture.h"
 #include "../lib/folder.h"
 #include "../lib/progress.h"
 #include "../lib/tone.h"
 
-#define PHOTONS_A_FRAME  262144u /* what any device takes */
+#define PHOTONS_A_FRAME  262144.0
 #define FIRST_SUBFRAMES  16.0
 #define LARGEST_SUBFRAME 65536.0
 
@@ -55,32 +56,15 @@ bool bench_image_write(const char *path, const float *values, uint32_t width, ui
 
 float *bench_image_read(const char *path, uint32_t *width, uint32_t *height, struct error *error)
 {
-    struct image_file *file = image_read_exr(path, error);
-    if (!file)
+    struct picture picture;
+    struct error ignored;
+    /* A recording has its caustics in a layer beside the beauty. */
+    if (!picture_read(path, &(struct picture_params){.layer = "caustics"}, &picture, &ignored) &&
+        !picture_read(path, &(struct picture_params){0}, &picture, error))
         return NULL;
-    const float *planes[3];
-    bool has_planes = true;
-    for (uint32_t c = 0; c < 3; c++) {
-        char name[32];
-        snprintf(name, sizeof name, "caustics.%s", plane_names[c]);
-        planes[c] = image_file_plane(file, name);
-        if (!planes[c])
-            planes[c] = image_file_plane(file, plane_names[c]);
-        has_planes &= planes[c] != NULL;
-    }
-    *width = file->width;
-    *height = file->height;
-    size_t count = (size_t)file->width * file->height;
-    float *values = has_planes ? malloc(3 * count * sizeof *values) : NULL;
-    for (size_t i = 0; values && i < 3 * count; i++)
-        values[i] = planes[i % 3][i / 3];
-    if (!values)
-        error_set(error, has_planes ? STATUS_MEMORY : STATUS_INVALID,
-                  has_planes ? "%.300s: no memory for its pixels"
-                             : "%.300s: has neither channels R, G, B nor caustics.R, .G, .B",
-                  path);
-    image_file_destroy(&file);
-    return values;
+    *width = picture.width;
+    *height = picture.height;
+    return picture.values;
 }
 
 /* ---- the cache -------------------------------------------------------------------------------------------
@@ -92,6 +76,12 @@ static uint64_t hash_line(uint64_t hash, const char *name, const char *value)
     return bench_hash(hash, value, strlen(value) + 1);
 }
 
+/* What any device takes; less when there are few, so that they are spread over some frames. */
+static double photons_a_frame(const struct bench_config *config)
+{
+    return fmin(PHOTONS_A_FRAME, fmax(ceil(config->reference_photons / 16), 64));
+}
+
 /* A setting of the reference: the configuration's, or ours, or the server's default. */
 static void reference_setting(const struct session *session, const struct protocol_setting *setting,
                               char *text, size_t size)
@@ -99,7 +89,7 @@ static void reference_setting(const struct session *session, const struct protoc
     const struct bench_group *given = &session->params->config->reference;
     double value = setting->value;
     if (protocol_text_equals(setting->name, "photons"))
-        value = fmin(PHOTONS_A_FRAME, session->hello->limits.max_photons);
+        value = fmin(photons_a_frame(session->params->config), session->hello->limits.max_photons);
     client_setting_print(setting, value, text, size);
     if (protocol_text_equals(setting->name, "aa"))
         snprintf(text, size, "pixel");
@@ -281,7 +271,7 @@ static double next_subframes(const struct making *making)
     const struct bench_config *config = making->session->params->config;
     const struct bench_reference_note *note = &making->reference->note;
     if (making->subframes == 0) {
-        double allowed = ceil(config->reference_photons / (2.0 * PHOTONS_A_FRAME));
+        double allowed = ceil(config->reference_photons / (2 * photons_a_frame(config)));
         return fmin(FIRST_SUBFRAMES, fmax(allowed, 2));
     }
     double there = making->subframes / 2, ratio = note->noise / config->confidence;

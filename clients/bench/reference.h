@@ -20,7 +20,8 @@ struct bench_reference {
 bool bench_reference_get(struct session *session, struct bench_reference *reference, struct error *error);
 void bench_reference_free(struct bench_reference *reference);
 
-/* Reads what bench_reference_get or point images are kept as: planes R, G, B. NULL on error. */
+/* Any picture that core/image/picture.h reads, of an EXR the layer "caustics" when there is one. free() it.
+ * NULL on error. Written are the planes R, G and B of an EXR. */
 float *bench_image_read(const char *path, uint32_t *width, uint32_t *height, struct error *error);
 bool bench_image_write(const char *path, const float *values, uint32_t width, uint32_t height,
                        struct error *error);
