@@ -131,6 +131,22 @@ static void nonsense_names_file_and_field(void **state)
     assert_non_null(strstr(error.message, "kappa"));
 }
 
+static void the_files_in_docs_are_valid(void **state)
+{
+    (void)state;
+    static const char *const files[] = {"docs/bench-example.json", "docs/study/target-area.json",
+                                        "docs/study/culling.json"};
+    const char *source = getenv("CAUSTICD_SOURCE_DIR");
+    for (size_t i = 0; source && i < sizeof files / sizeof *files; i++) {
+        char file[4096];
+        snprintf(file, sizeof file, "%s/%s", source, files[i]);
+        bench_config_default(&config);
+        if (!bench_config_read(&config, file, &error) || !bench_config_check(&config, &error))
+            fail_msg("%s", error.message);
+        assert_true(bench_point_count(&config) > 10);
+    }
+}
+
 static void the_command_line_wins_over_the_file(void **state)
 {
     (void)state;
@@ -446,6 +462,7 @@ int main(void)
     snprintf(path, sizeof path, "%s/file.json", folder);
     const struct CMUnitTest tests[] = {cmocka_unit_test(a_file_says_what_to_measure),
                                        cmocka_unit_test(nonsense_names_file_and_field),
+                                       cmocka_unit_test(the_files_in_docs_are_valid),
                                        cmocka_unit_test(the_command_line_wins_over_the_file),
                                        cmocka_unit_test(the_front_is_what_nothing_beats),
                                        cmocka_unit_test(quantities_are_read_off_points),
