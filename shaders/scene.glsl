@@ -141,8 +141,8 @@ vec3 surface_emission(surface s)
 // A ray origin safely off the surface, on the side of `normal` (Waechter and Binder 2019, Ray Tracing Gems 6).
 vec3 offset_origin(vec3 p, vec3 normal)
 {
-    const float origin_limit = 1.0 / 32.0;
-    const float float_scale = 1.0 / 65536.0;
+    float origin_limit = frame.offset_scale / 32.0;
+    float float_scale = frame.offset_scale / 65536.0;
     const float int_scale = 256.0;
     ivec3 steps = ivec3(int_scale * normal);
     vec3 moved = vec3(intBitsToFloat(floatBitsToInt(p.x) + (p.x < 0.0 ? -steps.x : steps.x)),

@@ -63,6 +63,11 @@ void plan_make(const struct view *view, const struct features *features, uint32_
          bits & FEATURE_DIELECTRIC ? "no solid lies in another" : "there is no solid glass");
     line(plan, "contacts", (bits & FEATURE_CONTACT) != 0, "surfaces of solids lie in other surfaces",
          bits & FEATURE_DIELECTRIC ? "no solid touches another surface" : "there is no solid glass");
+    line(plan, "full precision", !(view->renderer->extent.coarseness > EXTENT_COARSE),
+         "every caster is large enough where it lies",
+         "a caster is too small for its distance from the scene's middle, or its vertices too far from their "
+         "own "
+         "origin: the server's log and caustic-scene info name it");
     line(plan, "thin walls", (bits & FEATURE_THIN) != 0, "there are thin walls", "there are no thin walls");
     line(plan, "mirrors", (bits & FEATURE_MIRROR) != 0, "there are mirrors", "there are no mirrors");
     line(plan, "absorption", (bits & FEATURE_ABSORPTION) != 0, "some glass is coloured", "no glass absorbs");

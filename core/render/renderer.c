@@ -296,11 +296,16 @@ struct renderer *renderer_create(const struct renderer_params *params, struct er
     r->top_node_capacity = 2 * scene->instance_count + 2;
     r->instance_data = calloc(scene->instance_count + 1, sizeof *r->instance_data);
     r->caster_boxes = calloc(MAX_CASTER_BOXES, sizeof *r->caster_boxes);
-    r->pose = scene_pose_create(scene, error);
+    r->pose = scene_extent_find(scene, &r->extent, error) ? scene_pose_create(scene, error) : NULL;
+    if (r->pose) {
+        scene_pose_set_origin(r->pose, r->extent.origin);
+        scene_pose_set_time(scene, r->pose, 0);
+    }
     if (!r->instance_data || !r->caster_boxes)
         error_set(error, STATUS_MEMORY, "out of memory for %u instances", scene->instance_count);
     if (!r->pose || !r->instance_data || !r->caster_boxes || !upload_vertices(r, error) ||
-        !build_trees(r, error) || !solids_find(&r->solids, scene, r->trees, error) ||
+        !build_trees(r, error) ||
+        !solids_find(&r->solids, scene, r->pose, r->trees, r->extent.scale, error) ||
         !upload_materials(r, error) ||
         !(r->tracer == TRACER_KHR ? build_accels(r, error) : upload_trees(r, error)))
         goto failed;

@@ -184,9 +184,15 @@ static void frame_scene(const struct renderer *renderer, struct view_camera *cam
 static void camera_of_scene(const struct renderer *renderer, uint32_t index, struct view_camera *camera)
 {
     const struct pose_camera *pose = &renderer->pose->cameras[index];
+    /* Far from the origin a point 1 m ahead is rounded to a few directions. */
+    float ahead = 1;
+    for (int k = 0; k < 3; k++)
+        while (ahead * 64 < fabsf(pose->eye[k] + (float)renderer->extent.origin[k]))
+            ahead *= 2;
+    ahead = ahead > 1 ? ahead * 64 : 1;
     for (int k = 0; k < 3; k++) {
         camera->eye[k] = pose->eye[k];
-        camera->at[k] = pose->eye[k] + pose->forward[k];
+        camera->at[k] = pose->eye[k] + ahead * pose->forward[k];
         camera->up[k] = pose->up[k];
     }
     camera->fov = renderer->scene->cameras[index].yfov * 57.2957795f;
@@ -299,6 +305,13 @@ static bool camera_axes(const struct view_camera *camera, float forward[3], floa
     return true;
 }
 
+/* Moves a point of the world to where the renderer has its origin (sign -1), or back (1). */
+static void to_origin(const struct view *view, float point[3], double sign)
+{
+    for (int k = 0; k < 3; k++)
+        point[k] = (float)((double)point[k] + sign * view->renderer->extent.origin[k]);
+}
+
 bool view_set_camera(struct view *view, const struct view_camera *camera, struct error *error)
 {
     float forward[3], right[3], up[3];
@@ -312,6 +325,8 @@ bool view_set_camera(struct view *view, const struct view_camera *camera, struct
     if (!camera_axes(camera, forward, right, up))
         return error_set(error, STATUS_INVALID, "camera up is zero or along the view axis");
     view->camera = *camera;
+    to_origin(view, view->camera.eye, -1);
+    to_origin(view, view->camera.at, -1);
     view->follow_camera = SCENE_NONE;
     return true;
 }
@@ -348,6 +363,7 @@ bool view_set_light(struct view *view, uint32_t light, const struct view_light *
         !(is_finite3(direction) && normalise3(direction) > 0))
         return error_set(error, STATUS_INVALID, "light '%s': direction must be finite and not zero", name);
     view->light_changes[light] = *change;
+    to_origin(view, view->light_changes[light].position, -1);
     return true;
 }
 
@@ -427,13 +443,15 @@ static void fill_camera(struct view *view, struct frame_gpu *data, uint32_t subf
         w[4 * k + 2] = -forward[k];
         w[4 * k + 3] = 0;
     }
-    float relative[3] = {0, 0, 0};
+    double relative[3] = {0, 0, 0};
     for (int k = 0; k < 3; k++) {
-        relative[0] -= right[k] * camera->eye[k];
-        relative[1] -= up[k] * camera->eye[k];
-        relative[2] += forward[k] * camera->eye[k];
+        double eye = (double)camera->eye[k] + view->renderer->extent.origin[k];
+        relative[0] -= (double)right[k] * eye;
+        relative[1] -= (double)up[k] * eye;
+        relative[2] += (double)forward[k] * eye;
     }
-    memcpy(w + 12, relative, sizeof relative);
+    for (int k = 0; k < 3; k++)
+        w[12 + k] = (float)relative[k];
     w[15] = 1;
     const float near = 0.01f, far = 1e4f;
     memset(c, 0, 16 * sizeof *c);
@@ -501,6 +519,7 @@ static void fill_frame(struct view *view, uint32_t subframe, uint32_t subframe_c
     data->filter_radius = s->filter_radius;
     data->msaa_threshold = s->msaa_threshold;
     data->subframe_weight = 1.0f / (float)subframe_count;
+    data->offset_scale = (float)view->renderer->extent.scale;
     if (view->eye_pose != view->renderer->pose_version ||
         memcmp(&data->eye, &view->last_data.eye, 3 * sizeof(float)) != 0)
         data->eye_medium = solids_at(&view->renderer->solids, view->renderer->scene, view->renderer->pose,
@@ -800,6 +819,8 @@ const struct frame_result *view_render(struct view *view, uint32_t channel_mask,
     if (view->follow_camera != SCENE_NONE)
         camera_of_scene(renderer, view->follow_camera, &view->camera);
     result->camera = view->camera;
+    to_origin(view, result->camera.eye, 1);
+    to_origin(view, result->camera.at, 1);
     if (!works)
         fill_camera(view, &view->data, 0);
     for (uint32_t subframe = 0; works && subframe < subframes; subframe++) {

@@ -10,6 +10,7 @@
 
 #include "renderer.h"
 #include "../scene/bvh.h"
+#include "../scene/extent.h"
 #include "../scene/solids.h"
 #include "../../shaders/shared/render_layout.h"
 
@@ -43,7 +44,8 @@ struct renderer {
     struct bvh **trees;                  /* per mesh; bvh: for bounds; khr: NULL trees are possible */
     uint32_t *tree_node, *tree_triangle; /* where a mesh's tree starts in `nodes` and `triangles` */
     struct solids solids;
-    float (*mesh_boxes)[6]; /* per mesh: frontier boxes of caster meshes, object space */
+    struct scene_extent extent; /* positions are relative to its origin, here and on the device */
+    float (*mesh_boxes)[6];     /* per mesh: frontier boxes of caster meshes, object space */
     uint32_t *mesh_first_box, *mesh_box_count;
 
     struct scene_pose *pose;
@@ -138,8 +140,8 @@ struct view {
     struct renderer *renderer;
     uint32_t width, height;
     struct settings settings;
-    struct view_camera camera;
-    uint32_t follow_camera; /* SCENE_NONE: own camera */
+    struct view_camera camera; /* relative to the extent's origin, as are changed lights */
+    uint32_t follow_camera;    /* SCENE_NONE: own camera */
     double time;
     struct view_light *light_changes; /* per light of the scene */
 

@@ -399,6 +399,7 @@ static void fill(gltf_document &document, scene_builder *builder)
     add_contents(in, meshes);
     add_animations(in);
     scene_drop_collapsed(builder);
+    scene_warn_coarse(builder);
     scene_add_emissive_lights(builder);
 }
 

@@ -18,6 +18,7 @@ struct pose_storage {
     struct affine *worlds;    /* per node */
     void *last;               /* instances, lights and cameras as they were, to see changes */
     size_t last_bytes;
+    double origin[3];
     double time;
     bool is_set;
 };
@@ -67,6 +68,13 @@ void scene_pose_destroy(struct scene_pose **pointer)
     free(storage->worlds);
     free(storage);
     *pointer = NULL;
+}
+
+void scene_pose_set_origin(struct scene_pose *pose, const double origin[3])
+{
+    struct pose_storage *storage = (struct pose_storage *)pose;
+    memcpy(storage->origin, origin, sizeof storage->origin);
+    storage->is_set = false;
 }
 
 /* ---- keys --------------------------------------------------------------------------------------------- */
@@ -200,6 +208,14 @@ static bool is_finite(const struct affine *a)
     return true;
 }
 
+static struct affine relative_to(const struct affine *a, const double origin[3])
+{
+    struct affine moved = *a;
+    for (int row = 0; row < 3; row++)
+        moved.m[row][3] -= origin[row];
+    return moved;
+}
+
 static struct vec3 column(const struct affine *a, int index)
 {
     return vec3_make(a->m[0][index], a->m[1][index], a->m[2][index]);
@@ -255,14 +271,19 @@ bool scene_pose_set_time(const struct scene *scene, struct scene_pose *pose, dou
         if (is_finite(&world))
             storage->worlds[i] = world;
     }
-    for (uint32_t i = 0; i < scene->instance_count; i++)
+    for (uint32_t i = 0; i < scene->instance_count; i++) {
+        struct affine world = relative_to(&storage->worlds[scene->instances[i].node], storage->origin);
         for (int at = 0; at < 12; at++)
-            pose->instance_to_world[i][at] =
-                (float)storage->worlds[scene->instances[i].node].m[at / 4][at % 4];
-    for (uint32_t i = 0; i < scene->light_count; i++)
-        place_light(&storage->worlds[scene->lights[i].node], &pose->lights[i]);
-    for (uint32_t i = 0; i < scene->camera_count; i++)
-        place_camera(&storage->worlds[scene->cameras[i].node], &pose->cameras[i]);
+            pose->instance_to_world[i][at] = (float)world.m[at / 4][at % 4];
+    }
+    for (uint32_t i = 0; i < scene->light_count; i++) {
+        struct affine world = relative_to(&storage->worlds[scene->lights[i].node], storage->origin);
+        place_light(&world, &pose->lights[i]);
+    }
+    for (uint32_t i = 0; i < scene->camera_count; i++) {
+        struct affine world = relative_to(&storage->worlds[scene->cameras[i].node], storage->origin);
+        place_camera(&world, &pose->cameras[i]);
+    }
 
     bool has_changed =
         !storage->is_set || memcmp(storage->last, pose->instance_to_world, storage->last_bytes) != 0;

@@ -193,6 +193,10 @@ struct scene_pose {
 struct scene_pose *scene_pose_create(const struct scene *scene, struct error *error);
 void scene_pose_destroy(struct scene_pose **pose);
 
+/* From the next scene_pose_set_time on, positions of instances, lights and cameras are relative to this
+ * point; (0, 0, 0) at first. The difference is taken in double. */
+void scene_pose_set_origin(struct scene_pose *pose, const double origin[3]);
+
 /* Evaluates at `time` seconds (any finite value; loops over scene.duration; negative counts back from the
  * end). Returns true when anything differs from what the pose held before. */
 bool scene_pose_set_time(const struct scene *scene, struct scene_pose *pose, double time);

@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "../image/image_io.h"
+#include "extent.h"
 #include "vec3.h"
 
 #define PI 3.14159265358979323846
@@ -99,6 +100,22 @@ void scene_drop_collapsed(struct scene_builder *builder)
     scene->instance_count = kept;
     free(has_animated_scale);
     scene_pose_destroy(&pose);
+}
+
+void scene_warn_coarse(struct scene_builder *builder)
+{
+    struct scene_extent extent;
+    struct error error;
+    if (!scene_builder_ok(builder))
+        return;
+    if (!scene_extent_find(builder->scene, &extent, &error))
+        scene_builder_fail(builder, error.status, "%s", error.message);
+    else if (extent.coarseness > EXTENT_COARSE)
+        scene_builder_warn(
+            builder,
+            "node \"%s\" is small as against its distance from the scene's middle, or its "
+            "vertices lie far from their own origin: light goes astray there by %.2g of its size",
+            builder->scene->nodes[builder->scene->instances[extent.coarsest].node].name, extent.coarseness);
 }
 
 /* ---- emissive meshes ---------------------------------------------------------------------------------- */

@@ -4,6 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "extent.h"
 #include "vec3.h"
 
 /* Pairs of instances looked at; with more, solids count as nested and touching, which only costs time. */
@@ -20,12 +21,6 @@ static const struct scene_material *material_of(const struct scene *scene, uint3
 static bool is_solid(const struct scene *scene, uint32_t instance)
 {
     return material_of(scene, instance)->kind == MATERIAL_DIELECTRIC;
-}
-
-double solids_resolution(const float point[3])
-{
-    double largest = fmax(fabs((double)point[0]), fmax(fabs((double)point[1]), fabs((double)point[2])));
-    return fmax(largest * 0x1p-15, 0x1p-16);
 }
 
 /* ---- transforms ---------------------------------------------------------------------------------------- */
@@ -60,7 +55,8 @@ struct box {
     double min[3], max[3];
 };
 
-static struct box box_of(const struct scene *scene, const struct scene_pose *pose, uint32_t instance)
+static struct box box_of(const struct solids *solids, const struct scene *scene,
+                         const struct scene_pose *pose, uint32_t instance)
 {
     const struct scene_mesh *mesh = &scene->meshes[scene->instances[instance].mesh];
     struct box box = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
@@ -71,7 +67,7 @@ static struct box box_of(const struct scene *scene, const struct scene_pose *pos
         struct vec3 world = to_world(pose->instance_to_world[instance], vec3_load(place), 1);
         const double p[3] = {world.x, world.y, world.z};
         for (int k = 0; k < 3; k++) {
-            double slack = 0x1p-15 * fabs(p[k]) + 0x1p-16;
+            double slack = EXTENT_STEP * fabs(p[k]) + solids->step_min;
             box.min[k] = fmin(box.min[k], p[k] - slack);
             box.max[k] = fmax(box.max[k], p[k] + slack);
         }
@@ -145,8 +141,8 @@ static bool number_solids(struct solids *solids, const struct scene *scene, cons
 /* ---- contact ------------------------------------------------------------------------------------------- */
 
 /* Whether triangles of instance `a` lie in the surface of `b`, whose tree is given. */
-static bool touches(const struct scene *scene, const struct scene_pose *pose, uint32_t a, uint32_t b,
-                    const struct box *box_b, const struct bvh *tree_b)
+static bool touches(const struct solids *solids, const struct scene *scene, const struct scene_pose *pose,
+                    uint32_t a, uint32_t b, const struct box *box_b, const struct bvh *tree_b)
 {
     const struct scene_mesh *mesh = &scene->meshes[scene->instances[a].mesh];
     const struct scene_vertex *vertices = scene->vertices + mesh->first_vertex;
@@ -165,10 +161,10 @@ static bool touches(const struct scene *scene, const struct scene_pose *pose, ui
             struct vec3 none = {0},
                         normal = vec3_unit(
                             vec3_cross(vec3_sub(corner[1], corner[0]), vec3_sub(corner[2], corner[0])), none);
-            float point[3], origin[3], direction[3], t, u, v;
+            float origin[3], direction[3], t, u, v;
             uint32_t triangle;
-            vec3_store(point, middle);
-            double reach = solids_resolution(point);
+            double largest = fmax(fabs(middle.x), fmax(fabs(middle.y), fabs(middle.z)));
+            double reach = fmax(EXTENT_STEP * largest, solids->step_min);
             if (to_object(world_b, vec3_add(middle, vec3_scale(normal, reach)), 1, origin) &&
                 to_object(world_b, vec3_scale(normal, -reach), 0, direction) &&
                 bvh_trace(tree_b, origin, direction, 2, &t, &triangle, &u, &v))
@@ -193,24 +189,22 @@ static bool find_contacts(struct solids *solids, const struct scene *scene, cons
             struct bvh *own = trees[mesh] ? NULL : bvh_create_mesh(scene, mesh, error);
             if (!trees[mesh] && !own)
                 return false;
-            solids->has_contact = touches(scene, pose, a, b, &boxes[b], own ? own : trees[mesh]) ||
-                                  touches(scene, pose, b, a, &boxes[a], trees[scene->instances[a].mesh]);
+            solids->has_contact =
+                touches(solids, scene, pose, a, b, &boxes[b], own ? own : trees[mesh]) ||
+                touches(solids, scene, pose, b, a, &boxes[a], trees[scene->instances[a].mesh]);
             bvh_destroy(&own);
         }
     }
     return true;
 }
 
-bool solids_find(struct solids *solids, const struct scene *scene, struct bvh *const *trees,
-                 struct error *error)
+bool solids_find(struct solids *solids, const struct scene *scene, const struct scene_pose *pose,
+                 struct bvh *const *trees, double scale, struct error *error)
 {
-    *solids = (struct solids){0};
-    struct scene_pose *pose = scene_pose_create(scene, error);
-    if (!pose)
-        return false;
+    *solids = (struct solids){.step_min = EXTENT_STEP_MIN * scale};
     struct box *boxes = calloc((size_t)scene->instance_count + 1, sizeof *boxes);
     for (uint32_t i = 0; boxes && i < scene->instance_count; i++)
-        boxes[i] = box_of(scene, pose, i);
+        boxes[i] = box_of(solids, scene, pose, i);
     bool ok = boxes && number_solids(solids, scene, boxes);
     if (!ok)
         error_set(error, STATUS_MEMORY, "out of memory for the solids of scene '%s'", scene->name);
@@ -227,7 +221,6 @@ bool solids_find(struct solids *solids, const struct scene *scene, struct bvh *c
         ok = find_contacts(solids, scene, pose, trees, boxes, error);
     }
     free(boxes);
-    scene_pose_destroy(&pose);
     if (!ok)
         solids_free(solids);
     return ok;
@@ -276,7 +269,7 @@ uint32_t solids_at(const struct solids *solids, const struct scene *scene, const
         uint8_t number = solids->number[scene->meshes[mesh].material];
         if (!number)
             continue;
-        struct box box = box_of(scene, pose, i);
+        struct box box = box_of(solids, scene, pose, i);
         if (box_holds(&box, place) && is_inside(scene, pose->instance_to_world[i], mesh, trees[mesh], place))
             list |= (uint32_t)number << 8 * depth++;
     }

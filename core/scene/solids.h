@@ -21,21 +21,19 @@ struct solids {
     uint8_t *number;    /* per material of the scene; 0: no solid, or one too many */
     uint32_t *material; /* of number k + 1 */
     uint32_t count;
+    double step_min;  /* m, of extent.h: surfaces nearer to each other are not told apart */
     bool is_nested;   /* boxes of solids overlap, or may once they move */
     bool has_contact; /* at rest, somewhere */
 };
 
-/* `trees` per mesh; those of meshes that are not dielectric may be NULL. False and *error when out of memory.
- */
-bool solids_find(struct solids *solids, const struct scene *scene, struct bvh *const *trees,
-                 struct error *error);
+/* At the pose given, which is that at rest. `trees` per mesh; those of meshes that are not dielectric may be
+ * NULL. `scale` as in struct scene_extent. False and *error when out of memory. */
+bool solids_find(struct solids *solids, const struct scene *scene, const struct scene_pose *pose,
+                 struct bvh *const *trees, double scale, struct error *error);
 void solids_free(struct solids *solids);
 
 /* The list of what `point` (world) lies in at this pose. Only closed meshes have an inside. */
 uint32_t solids_at(const struct solids *solids, const struct scene *scene, const struct scene_pose *pose,
                    struct bvh *const *trees, const float point[3]);
-
-/* How far apart surfaces at `point` must be for rays to tell them apart, m: shaders/scene.glsl's offset. */
-double solids_resolution(const float point[3]);
 
 #endif

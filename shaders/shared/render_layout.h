@@ -132,7 +132,7 @@ struct frame_gpu {
     float cell_flux;      /* of a mean cell, W */
     uint eye_medium;      /* list of the solids the eye is in (media.glsl) */
     float msaa_threshold; /* px^2: with msaa_small, ellipses below it are multisampled */
-    float pad0;
+    float offset_scale;   /* struct scene_extent: how near to coordinate planes rays are kept off surfaces */
 };
 SHARED_SIZE(frame_gpu, 352);
 

@@ -280,14 +280,14 @@ static void points_know_what_they_are_in(void **state)
     for (uint32_t i = 0; i < 2; i++)
         trees[i] = bvh_create_mesh(scene, i, &error);
     struct solids solids;
-    assert_true(solids_find(&solids, scene, trees, &error));
+    struct scene_pose *pose = scene_pose_create(scene, &error);
+    assert_true(solids_find(&solids, scene, pose, trees, 1, &error));
     assert_int_equal(solids.count, 2);
     assert_int_equal(solids.number[glass], 1);
     assert_int_equal(solids.number[water], 2);
     assert_int_equal(solids.material[0], glass);
     assert_true(solids.is_nested);
     assert_false(solids.has_contact);
-    struct scene_pose *pose = scene_pose_create(scene, &error);
     const struct {
         float point[3];
         uint32_t list;
