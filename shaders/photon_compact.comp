@@ -26,7 +26,8 @@ const float AREA_MAX = 1e9; // px^2: feedback of a singular footprint stays fini
 shared uint group_outcomes[GROUP_SIZE];
 
 uint fate = FATE_NONE;
-uint guard = 0u;
+uint guard = 0u;   // footprints that are not finite
+uint limited = 0u; // by max_radius or max_anisotropy
 
 bool sees(vec2 pixel, vec3 position, vec3 normal, float slack)
 {
@@ -125,7 +126,7 @@ photon make_photon(photon_ray ray)
             cxx = cyy = limit;
             cxy = 0.0;
         }
-        guard++;
+        limited = 1u;
     }
     cxx = max(cxx, 0.0) + filter2;
     cyy = max(cyy, 0.0) + filter2;
@@ -212,12 +213,13 @@ void main()
         is_drawn = p.cell != NONE ? 1u : 0u;
     }
     ledger_add(fate, flux, 0.0);
-    uint drawn = group_count(is_drawn + (guard << 16));
+    uint drawn = group_count(is_drawn + (guard << 10) + (limited << 20));
     uint culled = group_count((fate == FATE_CULLED_VISIBILITY && is_drawn == 0u ? 1u : 0u) +
                               (fate == FATE_CULLED_SOLID_ANGLE ? 1u << 16 : 0u));
     if (local == 0u) {
-        atomicAdd(counters.count[COUNT_SPLATTED], drawn & 0xffffu);
-        atomicAdd(counters.count[COUNT_GUARD_FOOTPRINT], drawn >> 16);
+        atomicAdd(counters.count[COUNT_SPLATTED], drawn & 0x3ffu);
+        atomicAdd(counters.count[COUNT_GUARD_FOOTPRINT], (drawn >> 10) & 0x3ffu);
+        atomicAdd(counters.count[COUNT_LIMITED], drawn >> 20);
         atomicAdd(counters.count[COUNT_CULLED_VISIBILITY], culled & 0xffffu);
         atomicAdd(counters.count[COUNT_CULLED_SOLID_ANGLE], culled >> 16);
     }

@@ -37,12 +37,13 @@
     S(aa_samples, "count", "samples per pixel that splats were drawn with; 1 where none are taken")          \
     S(kernel_evaluations, "count", "times a splat's kernel was evaluated at a pixel; not counted in quads")  \
     S(kernel_pixels, "count", "evaluations that fell inside the ellipse")                                    \
+    S(footprints_limited, "count", "footprints shortened by max_radius or max_anisotropy")                   \
     S(density_total, "count", "sum of the density over all cells before rounding")                           \
     S(density_largest, "count", "density of the densest cell")                                               \
     S(cells_masked, "count", "cells that can meet a caster")                                                 \
     S(guard_density, "count", "non-finite or out-of-range densities clamped")                                \
     S(guard_differential, "count", "photon differentials clamped at a singular configuration")               \
-    S(guard_footprint, "count", "footprints whose size or anisotropy was limited")                           \
+    S(guard_footprint, "count", "footprints that are not finite: drawn as points")                           \
     S(guard_traversal, "count", "rays ended by the traversal's iteration cap")                               \
     S(guard_overflow, "count", "splat contributions clamped to the accumulator's range")                     \
     S(guard_split, "count", "bounces where capacity turned splitting into roulette")                         \

@@ -623,6 +623,7 @@ static void add_counters(struct view *view, double weight)
         {STAT_culled_energy, COUNT_CULLED_ENERGY},
         {STAT_kernel_evaluations, COUNT_KERNEL},
         {STAT_kernel_pixels, COUNT_KERNEL_INSIDE},
+        {STAT_footprints_limited, COUNT_LIMITED},
         {STAT_guard_density, COUNT_GUARD_DENSITY},
         {STAT_guard_differential, COUNT_GUARD_DIFFERENTIAL},
         {STAT_guard_footprint, COUNT_GUARD_FOOTPRINT},

@@ -222,6 +222,7 @@ SHARED_SIZE(photon, 80);
 #define COUNT_GUARD_OVERFLOW     16
 #define COUNT_GUARD_SPLIT        17
 #define COUNT_CELLS              18
+#define COUNT_LIMITED            19 /* footprints longer than max_radius or max_anisotropy allow */
 #define COUNT_COUNT              20
 
 /* One per view, read back whole every frame. The first part is zeroed at the start of a frame. */
