@@ -306,6 +306,7 @@ static void add_picture(struct page *page, const struct bench_page_params *param
     page_subheading(page, name);
     struct page_picture before = {caption, buffers->shown, width, height};
     struct page_picture after = {"right: the reference", buffers->expected, width, height};
+    page_row_begin(page);
     page_slider(page, &before, &after);
     if (has_map) {
         heat_map_colors(buffers->map, buffers->count, 0, 1, buffers->heat);
@@ -315,6 +316,7 @@ static void add_picture(struct page *page, const struct bench_page_params *param
     } else {
         page_warning(page, "%s", reason.message);
     }
+    page_row_end(page);
     free(image);
 }
 

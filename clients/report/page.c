@@ -308,16 +308,26 @@ static void write_image(struct page *page, const struct page_picture *picture, c
     free(bytes);
 }
 
-void page_pictures(struct page *page, const struct page_picture *pictures, uint32_t count)
+void page_row_begin(struct page *page)
 {
     fputs("<div class=\"row\">", page->stream);
+}
+
+void page_row_end(struct page *page)
+{
+    fputs("</div>\n", page->stream);
+}
+
+void page_pictures(struct page *page, const struct page_picture *pictures, uint32_t count)
+{
+    page_row_begin(page);
     for (uint32_t i = 0; i < count; i++) {
         fputs("<figure>", page->stream);
         write_image(page, &pictures[i], "plain");
         write_element(page, "figcaption", pictures[i].caption);
         fputs("</figure>", page->stream);
     }
-    fputs("</div>\n", page->stream);
+    page_row_end(page);
 }
 
 void page_slider(struct page *page, const struct page_picture *before, const struct page_picture *after)

@@ -57,6 +57,10 @@ void page_pictures(struct page *page, const struct page_picture *pictures, uint3
 /* Two pictures of one size over each other; a slider moves the edge between them. */
 void page_slider(struct page *page, const struct page_picture *before, const struct page_picture *after);
 
+/* What comes between stands side by side where there is room. */
+void page_row_begin(struct page *page);
+void page_row_end(struct page *page);
+
 /* A part that is closed until it is clicked. */
 void page_details_begin(struct page *page, const char *summary);
 void page_details_end(struct page *page);
