@@ -13,7 +13,7 @@ layout(std430, binding = BINDING_PASS + 2) readonly buffer feedback_buffer { fee
 layout(std430, binding = BINDING_PASS + 3) readonly buffer old_buffer { float old_density[]; };
 layout(std430, binding = BINDING_PASS + 4) writeonly buffer density_buffer { float density[]; };
 layout(std430, binding = BINDING_PASS + 5) writeonly buffer variance_buffer { float variance[]; };
-layout(std430, binding = BINDING_PASS + 6) writeonly buffer thinning_buffer { uint thinning[]; };
+layout(std430, binding = BINDING_PASS + 6) buffer thinning_buffer { uint thinning[]; };
 
 // Every how many strata a block of 4 x 4 cells needs its weaker branches: the sqrt rule again, between branches.
 // A block, because a thinned cell need not send any itself.
@@ -45,7 +45,9 @@ void main()
         return;
     }
     float weak_share;
-    thinning[cell] = thinning_step(cell, weak_share);
+    uint step = thinning_step(cell, weak_share);
+    if ((frame.flags & FLAG_HOLD) == 0u)
+        thinning[cell] = step;
     float value = old_density[cell];
     if (DENSITY != DENSITY_UNIFORM_RULE) {
         // D A is the sum of the cell's projected areas, whatever D was: the loop settles in one step

@@ -3,7 +3,7 @@
 // quadtree.comp: one level of the quadtree over samples per cell. Level 0: n = floor(sqrt(D))^2 under the budget;
 // above it every node is the sum of its four children.
 //
-// Reads   density, counters.density_scale (level 0); the level below
+// Reads   density, counters.density_scale, the last frame's samples when held (level 0); the level below
 // Writes  density under the budget (level 0); tree: level l starts at 4 (N - N / 4^l) / 3 for N cells
 // Source  design 5; aaps-thesis 2.3.1, fig. 15
 #include "frame.glsl"
@@ -30,6 +30,10 @@ void main()
             d = least + (d - least) * counters.density_scale;
             density[node] = d; // what the next frame starts from is what was really used
             uint k = max(uint(sqrt(d)), 1u);
+            // What a cell's photons report jumps with k, so that a cell near a square could go back and forth
+            // between two of them for ever. At rest k only falls: a sequence that has to end.
+            if ((frame.flags & FLAG_HOLD) != 0u)
+                k = clamp(uint(sqrt(float(tree[node])) + 0.5), 1u, k);
             value = k * k;
         }
     } else {

@@ -68,7 +68,7 @@ void density_record(struct view *view, struct gpu_frame *frame)
                                          {BINDING_PASS + 4, GPU_WRITE, density_now(view)},
                                          {BINDING_PASS + 5, GPU_WRITE,
                                           view->plan.has_variance ? BUFFER_VARIANCE : BUFFER_THINNING},
-                                         {BINDING_PASS + 6, GPU_WRITE, BUFFER_THINNING})});
+                                         {BINDING_PASS + 6, GPU_READ_WRITE, BUFFER_THINNING})});
     } else {
         if (view->plan.has_feedback)
             gpu_record_fill(frame, view->buffers[BUFFER_THINNING], 0, cells * sizeof(uint32_t), 1);

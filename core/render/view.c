@@ -247,9 +247,17 @@ void view_reset(struct view *view)
 {
     view->subframe = 0;
     view->frame = 0;
+    view->still_frames = 0;
     view->has_density = view->has_feedback = view->has_previous = false;
     for (uint32_t i = 0; i < view->renderer->scene->light_count; i++)
         view->tiles[i].is_valid = false;
+}
+
+/* A client may send what holds already with every frame: that is no change. */
+static void note_change(struct view *view, bool is_change)
+{
+    if (is_change)
+        view->still_frames = 0;
 }
 
 bool view_set_size(struct view *view, uint32_t width, uint32_t height, struct error *error)
@@ -258,6 +266,7 @@ bool view_set_size(struct view *view, uint32_t width, uint32_t height, struct er
         return false;
     if (view->width != width || view->height != height)
         view->has_previous = false;
+    note_change(view, view->width != width || view->height != height);
     view->width = width;
     view->height = height;
     return true;
@@ -324,9 +333,11 @@ bool view_set_camera(struct view *view, const struct view_camera *camera, struct
         return error_set(error, STATUS_INVALID, "camera eye and at are the same point");
     if (!camera_axes(camera, forward, right, up))
         return error_set(error, STATUS_INVALID, "camera up is zero or along the view axis");
+    struct view_camera old = view->camera;
     view->camera = *camera;
     to_origin(view, view->camera.eye, -1);
     to_origin(view, view->camera.at, -1);
+    note_change(view, view->follow_camera != SCENE_NONE || memcmp(&old, &view->camera, sizeof old) != 0);
     view->follow_camera = SCENE_NONE;
     return true;
 }
@@ -336,6 +347,7 @@ bool view_follow_camera(struct view *view, uint32_t camera, struct error *error)
     if (camera >= view->renderer->scene->camera_count)
         return error_set(error, STATUS_NOT_FOUND, "camera %u does not exist; the scene has %u", camera,
                          view->renderer->scene->camera_count);
+    note_change(view, view->follow_camera != camera);
     view->follow_camera = camera;
     return true;
 }
@@ -362,8 +374,10 @@ bool view_set_light(struct view *view, uint32_t light, const struct view_light *
     if ((change->overrides & LIGHT_OVERRIDE_DIRECTION) &&
         !(is_finite3(direction) && normalise3(direction) > 0))
         return error_set(error, STATUS_INVALID, "light '%s': direction must be finite and not zero", name);
+    struct view_light old = view->light_changes[light];
     view->light_changes[light] = *change;
     to_origin(view, view->light_changes[light].position, -1);
+    note_change(view, memcmp(&old, &view->light_changes[light], sizeof old) != 0);
     return true;
 }
 
@@ -375,13 +389,18 @@ bool view_set_setting(struct view *view, enum setting_id id, double value, struc
                          view->renderer->limits.max_photons, value);
     if (id == SETTING_aa && !splat_check_aa(view->renderer, (int32_t)value, error))
         return false;
-    return settings_set(&view->settings, id, value, error);
+    double old = settings_get(&view->settings, id);
+    if (!settings_set(&view->settings, id, value, error))
+        return false;
+    note_change(view, settings_get(&view->settings, id) != old);
+    return true;
 }
 
 bool view_set_time(struct view *view, double time, struct error *error)
 {
     if (!isfinite(time))
         return error_set(error, STATUS_INVALID, "time must be finite");
+    note_change(view, view->time != time);
     view->time = time;
     return true;
 }
@@ -474,6 +493,14 @@ static uint32_t cells_within_budget(const struct view *view)
     return cells;
 }
 
+/* Whether the task buffers have had the time to settle since anything changed: four time constants of their
+ * update. The samples of the last frame are still in the quadtree then. */
+static bool is_at_rest(const struct view *view)
+{
+    return view->has_density && !view->mask_is_stale &&
+           (float)view->still_frames * view->settings.temporal_weight >= 4;
+}
+
 static void fill_frame(struct view *view, uint32_t subframe, uint32_t subframe_count)
 {
     struct frame_gpu *data = &view->data;
@@ -503,7 +530,8 @@ static void fill_frame(struct view *view, uint32_t subframe, uint32_t subframe_c
     bool jitters = s->jitter || s->accumulate > 1;
     data->flags = (jitters ? FLAG_JITTER : 0) | (s->caster_mask ? FLAG_CASTER_MASK : 0) |
                   (s->radiance_scaling ? FLAG_RADIANCE_SCALING : 0) |
-                  (view->has_previous ? FLAG_HAS_PREVIOUS : 0);
+                  (view->has_previous ? FLAG_HAS_PREVIOUS : 0) |
+                  (is_at_rest(view) && !jitters ? FLAG_HOLD : 0);
     if (s->jitter)
         data->seed ^= (uint32_t)view->frame * 0x9e3779b9u;
     data->caster_box_count = view->renderer->caster_box_count;
@@ -851,6 +879,7 @@ const struct frame_result *view_render(struct view *view, uint32_t channel_mask,
             view->has_feedback = view->plan.has_feedback;
             view->has_previous = view->plan.has_variance;
             view->subframe++;
+            view->still_frames += view->still_frames < UINT32_MAX;
         }
         add_timings(view, frame);
     }

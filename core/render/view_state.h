@@ -158,6 +158,7 @@ struct view {
     uint32_t subframe;          /* rendered since the last reset: parity of the ping-pong buffers */
     uint32_t cells, tile_slots; /* the task buffers' shape; 0: none yet */
     bool has_density, has_feedback, has_previous;
+    uint32_t still_frames; /* since anything was changed about the view */
     uint32_t density_rule;
     struct light_tile *tiles; /* per light */
     uint64_t tiles_pose;      /* pose_version they were fitted to */

@@ -128,7 +128,7 @@ static void run_update(struct task_buffers *b)
                                            {BINDING_PASS + 3, GPU_READ, b->old_density, b->total * 4},
                                            {BINDING_PASS + 4, GPU_WRITE, b->density, b->total * 4},
                                            {BINDING_PASS + 5, GPU_WRITE, b->variance, b->total * 4},
-                                           {BINDING_PASS + 6, GPU_WRITE, b->thinning, b->total * 4})});
+                                           {BINDING_PASS + 6, GPU_READ_WRITE, b->thinning, b->total * 4})});
 }
 
 static void run_budget(struct task_buffers *b)
@@ -637,9 +637,46 @@ static void moved_tiles_keep_their_density(void **state)
     free(b);
 }
 
+/* At rest a cell may lose samples, never gain them, and thinning stays as it is: whatever is reported, the
+ * number of samples falls until it stays. Without the flag the same turn gives cells more. */
+static void at_rest_samples_only_fall(void **state)
+{
+    (void)state;
+    random_state = 41;
+    struct task_buffers *b = buffers_of(16, 1, 1);
+    static uint32_t before[MOST_CELLS], freely[MOST_CELLS], steps[MOST_CELLS];
+    fill_randomly(b);
+    run_update(b);
+    run_budget(b);
+    memcpy(before, b->tree, sizeof before);
+    memcpy(steps, b->thinning, sizeof steps);
+    memcpy(b->old_density, b->density, sizeof b->old_density);
+    for (uint32_t i = 0; i < b->total; i++)
+        if (b->mask[i])
+            set_feedback(&b->feedback[i], exp(5 * uniform()), exp(3 * uniform()), 0, 0);
+    run_update(b);
+    run_budget(b);
+    memcpy(freely, b->tree, sizeof freely);
+    b->frame.flags = FLAG_HOLD;
+    memcpy(b->tree, before, sizeof before);
+    memcpy(b->thinning, steps, sizeof steps);
+    run_update(b);
+    run_budget(b);
+    uint32_t fallen = 0, gained = 0;
+    for (uint32_t i = 0; i < b->total; i++) {
+        assert_int_equal(b->tree[i], freely[i] < before[i] ? freely[i] : before[i]);
+        assert_int_equal(b->thinning[i], steps[i]);
+        fallen += b->tree[i] < before[i];
+        gained += freely[i] > before[i];
+    }
+    assert_true(fallen > 20 && gained > 20);
+    free(b);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(at_rest_samples_only_fall),
         cmocka_unit_test(densities_follow_the_model),
         cmocka_unit_test(both_rules_ask_for_the_same_total),
         cmocka_unit_test(uniform_density_stays),
