@@ -3,6 +3,7 @@
 #include <float.h>
 #include <math.h>
 #include <stdlib.h>
+#include <string.h>
 
 /* A pixel's colour is carried as y, x - y and y - z, with x, y and z relative to the white point: Cx and Cz
  * of YCxCz over 500 and 200, and Y without its offset. Every filter sums to 1, so the offset comes back by
@@ -12,10 +13,11 @@
  * are high, and filtered down from there. Filters are even or odd, so that two taps share a product. */
 
 #define DEFAULT_PIXELS_PER_DEGREE (3840 * (double)M_PI / 180)
-#define COLOR_EXPONENT            0.7   /* q_c of the paper */
-#define FEATURE_EXPONENT          0.5   /* q_f */
-#define KNEE_IN                   0.4   /* p_c: this share of the largest difference ... */
-#define KNEE_OUT                  0.95  /* p_t: ... uses this share of the output */
+#define COLOR_EXPONENT            0.7  /* q_c of the paper */
+#define FEATURE_EXPONENT          0.5  /* q_f */
+#define KNEE_IN                   0.4  /* p_c: this share of the largest difference ... */
+#define KNEE_OUT                  0.95 /* p_t: ... uses this share of the output */
+#define STRIP                     512u /* columns, whole blocks of a convolution; rings of 1 MB at 67 pixels per degree */
 #define EDGE_WIDTH                0.082 /* w, degrees */
 
 /* ---- filters ------------------------------------------------------------------------------------------- */
@@ -31,9 +33,9 @@ enum filter_name {
     FILTER_CX,  /* red-green */
     FILTER_CZ1, /* blue-yellow is a sum of two Gaussians: each is separable, the sum is not */
     FILTER_CZ2,
-    FILTER_BLUR,  /* features: Gaussian, */
-    FILTER_EDGE,  /* its first derivative, odd */
-    FILTER_POINT, /* and its second */
+    FILTER_BLUR,  /* features: a Gaussian, */
+    FILTER_POINT, /* its second derivative */
+    FILTER_EDGE,  /* and its first, which is odd */
     FILTER_COUNT
 };
 
@@ -60,7 +62,6 @@ static bool filters_create(struct filters *filters, double pixels_per_degree, st
     filters->memory = calloc((size_t)FILTER_COUNT * (filters->radius + 1), sizeof *filters->memory);
     double *wide = calloc((size_t)FILTER_COUNT * (filters->radius + 1), sizeof *wide);
     if (!filters->memory || !wide) {
-        free(filters->memory);
         free(wide);
         return error_set(error, STATUS_MEMORY, "no memory for FLIP's filters");
     }
@@ -108,29 +109,74 @@ static bool filters_create(struct filters *filters, double pixels_per_degree, st
     return true;
 }
 
-/* `from` has `radius` values before and after the row. */
-static void filter_even(const struct filter *filter, const float *from, float *to, uint32_t count)
+/* ---- convolutions -------------------------------------------------------------------------------------- */
+
+#define LANES     8u
+#define MAX_BLOCK 4u /* vectors that a convolution does at a time; rows are padded to as many */
+typedef float lanes __attribute__((vector_size(LANES * sizeof(float)), aligned(sizeof(float)), may_alias));
+
+#define READ(from)      (*(const lanes *)(from))
+#define WRITE(to, what) (*(lanes *)(to) = (what))
+
+/* Compiled once more for processors with wide registers, and chosen when the program is loaded. */
+#if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__) && !defined(__SANITIZE_ADDRESS__)
+#define WIDE __attribute__((target_clones("avx512f", "avx2", "default")))
+#else
+#define WIDE
+#endif
+
+/* Weighs rows by filters, `even_count` even ones and one that is odd or NULL. rows[-radius] to rows[radius]
+ * are the places that the taps go with: shifts of one row, or the rows above and below it. `block` vectors
+ * are done at a time, as many as have room in registers. */
+static inline __attribute__((always_inline)) void convolve(const float *const *rows, uint32_t radius,
+                                                           const float *const *even, uint32_t even_count,
+                                                           const float *odd, uint32_t block, float *const *to,
+                                                           uint32_t width)
 {
-    const float *taps = filter->taps;
-    for (uint32_t x = 0; x < count; x++)
-        to[x] = taps[0] * from[x];
-    for (uint32_t i = 1; i <= filter->radius; i++) {
-        const float *before = from - i, *after = from + i;
-        for (uint32_t x = 0; x < count; x++)
-            to[x] += taps[i] * (before[x] + after[x]);
+    for (uint32_t x = 0; x < width; x += block * LANES) {
+        lanes sums[3][MAX_BLOCK] = {0};
+        for (uint32_t j = 0; j < block; j++)
+            for (uint32_t i = 0; i < even_count; i++)
+                sums[i][j] = even[i][0] * READ(rows[0] + x + j * LANES);
+        for (int k = 1; k <= (int)radius; k++) {
+            const float *above = rows[-k] + x, *below = rows[k] + x;
+            for (uint32_t j = 0; j < block; j++) {
+                lanes both = READ(below + j * LANES) + READ(above + j * LANES);
+                for (uint32_t i = 0; i < even_count; i++)
+                    sums[i][j] += even[i][k] * both;
+                if (odd)
+                    sums[even_count][j] += odd[k] * (READ(below + j * LANES) - READ(above + j * LANES));
+            }
+        }
+        for (uint32_t j = 0; j < block; j++)
+            for (uint32_t i = 0; i < even_count + (odd ? 1 : 0); i++)
+                WRITE(to[i] + x + j * LANES, sums[i][j]);
     }
 }
 
-static void filter_odd(const struct filter *filter, const float *from, float *to, uint32_t count)
+WIDE static void convolve_even(const float *const *rows, const struct filter *even, float *to, uint32_t width)
 {
-    const float *taps = filter->taps;
-    for (uint32_t x = 0; x < count; x++)
-        to[x] = 0;
-    for (uint32_t i = 1; i <= filter->radius; i++) {
-        const float *before = from - i, *after = from + i;
-        for (uint32_t x = 0; x < count; x++)
-            to[x] += taps[i] * (after[x] - before[x]);
-    }
+    convolve(rows, even->radius, (const float *const[]){even->taps}, 1, NULL, MAX_BLOCK, (float *const[]){to},
+             width);
+}
+
+WIDE static void convolve_two(const float *const *rows, const struct filter *one, const struct filter *other,
+                              float *const *to, uint32_t width)
+{
+    convolve(rows, one->radius, (const float *const[]){one->taps, other->taps}, 2, NULL, 2, to, width);
+}
+
+WIDE static void convolve_even_odd(const float *const *rows, const struct filter *even,
+                                   const struct filter *odd, float *const *to, uint32_t width)
+{
+    convolve(rows, even->radius, (const float *const[]){even->taps}, 1, odd->taps, 2, to, width);
+}
+
+WIDE static void convolve_two_odd(const float *const *rows, const struct filter *one,
+                                  const struct filter *other, const struct filter *odd, float *const *to,
+                                  uint32_t width)
+{
+    convolve(rows, one->radius, (const float *const[]){one->taps, other->taps}, 2, odd->taps, 2, to, width);
 }
 
 /* ---- colour -------------------------------------------------------------------------------------------- */
@@ -169,29 +215,97 @@ static inline void transform(const float m[3][3], const float from[3], float to[
         to[i] = m[i][0] * from[0] + m[i][1] * from[1] + m[i][2] * from[2];
 }
 
+/* The next four are arithmetic alone, so that a loop over them is turned into vectors; 2e-7 off at most. */
+
+static inline float float_from_bits(int32_t bits)
+{
+    float value;
+    memcpy(&value, &bits, sizeof value);
+    return value;
+}
+
+static inline int32_t bits_of_float(float value)
+{
+    int32_t bits;
+    memcpy(&bits, &value, sizeof bits);
+    return bits;
+}
+
+/* Of normal numbers above 0: the exponent, and a series in z = (m - 1) / (m + 1) for m from 1/sqrt 2 to
+ * sqrt 2. */
+static inline float log2_of(float value)
+{
+    const int32_t root_half = 0x3f3504f3;
+    int32_t bits = bits_of_float(value), exponent = (bits - root_half) >> 23;
+    float m = float_from_bits(bits - exponent * (1 << 23)), z = (m - 1) / (m + 1), z2 = z * z;
+    float series = 2.8853900818f + z2 * (0.9617966939f + z2 * (0.5770780164f + z2 * 0.4121985831f));
+    return (float)exponent + z * series;
+}
+
+/* From -126 to 127: the nearest integer to the exponent, and a series for the rest. */
+static inline float exp2_of(float value)
+{
+    const float shifter = 12582912; /* 1.5 * 2^23: its last digit is 1 */
+    float shifted = value + shifter, rest = value - (shifted - shifter);
+    int32_t scale = (bits_of_float(shifted) - bits_of_float(shifter) + 127) * (1 << 23);
+    float series =
+        1 + rest * (0.69314718056f +
+                    rest * (0.24022650696f +
+                            rest * (0.055504108665f +
+                                    rest * (0.0096181291076f +
+                                            rest * (0.0013333558146f + rest * 0.00015403530393f)))));
+    return series * float_from_bits(scale);
+}
+
+/* `value` from 0 on: 0 stays 0. */
+static inline float power_of(float value, float exponent)
+{
+    float logarithm = exponent * log2_of(value > 1e-30f ? value : 1e-30f);
+    float power = exp2_of(logarithm > -126 ? logarithm : -126);
+    return value > 1e-30f ? power : 0;
+}
+
+/* Of normal numbers above 0: a third of the exponent, then two steps of Halley's rule, each of which cubes
+ * the error of 3 % that is there at first. */
+static inline float cube_root_of(float value)
+{
+    float root = float_from_bits((int32_t)((float)bits_of_float(value) * (1.0f / 3)) + 709921077);
+    for (int i = 0; i < 2; i++) {
+        float cube = root * root * root;
+        root *= (cube + 2 * value) / (2 * cube + value);
+    }
+    return root;
+}
+
 static inline float lab_curve(float value)
 {
-    const float delta = 6.0f / 29;
-    return value > delta * delta * delta ? cbrtf(value) : value / (3 * delta * delta) + 4.0f / 29;
+    const float delta = 6.0f / 29, bend = delta * delta * delta;
+    float root = cube_root_of(value > bend ? value : bend);
+    return value > bend ? root : value * (1 / (3 * delta * delta)) + 4.0f / 29;
+}
+
+static inline float clamp01(float value)
+{
+    return value > 0 ? (value < 1 ? value : 1) : 0;
 }
 
 /* Linear RGB in 0..1 to CIELAB with Hunt's adjustment: colours look stronger where they are brighter. */
-static inline void hunt_lab(const struct color *color, const float rgb[3], float lab[3])
+static inline void hunt_lab(const float to_white[3][3], const float rgb[3], float lab[3])
 {
     float xyz[3];
-    transform(color->to_white, rgb, xyz);
+    transform(to_white, rgb, xyz);
     for (int i = 0; i < 3; i++)
         xyz[i] = lab_curve(xyz[i]);
     lab[0] = 116 * xyz[1] - 16;
-    lab[1] = 0.01f * lab[0] * 500 * (xyz[0] - xyz[1]);
-    lab[2] = 0.01f * lab[0] * 200 * (xyz[1] - xyz[2]);
+    lab[1] = 5 * lab[0] * (xyz[0] - xyz[1]);
+    lab[2] = 2 * lab[0] * (xyz[1] - xyz[2]);
 }
 
 /* HyAB, raised to q_c. */
 static inline float lab_distance(const float a[3], const float b[3])
 {
     float lightness = fabsf(a[0] - b[0]), red = a[1] - b[1], yellow = a[2] - b[2];
-    return powf(lightness + sqrtf(red * red + yellow * yellow), (float)COLOR_EXPONENT);
+    return power_of(lightness + sqrtf(red * red + yellow * yellow), (float)COLOR_EXPONENT);
 }
 
 static void color_prepare(struct color *color)
@@ -205,8 +319,8 @@ static void color_prepare(struct color *color)
         color->from_white[i / 3][i % 3] = (float)from_white[i / 3][i % 3];
     }
     float green[3], blue[3];
-    hunt_lab(color, (const float[3]){0, 1, 0}, green);
-    hunt_lab(color, (const float[3]){0, 0, 1}, blue);
+    hunt_lab(color->to_white, (const float[3]){0, 1, 0}, green);
+    hunt_lab(color->to_white, (const float[3]){0, 0, 1}, blue);
     color->largest = lab_distance(green, blue);
 }
 
@@ -219,59 +333,76 @@ static const float aces[5] = {0.6f * 0.6f * 2.51f, 0.6f * 0.03f, 0.6f * 0.6f * 2
 
 static inline float tone_map(float value)
 {
-    float x = fminf(fmaxf(value, 0), 1e9f); /* its square stays a float */
+    float x = value > 0 ? value < 1e9f ? value : 1e9f : 0; /* its square stays a float */
     float mapped = (x * x * aces[0] + x * aces[1]) / (x * x * aces[2] + x * aces[3] + aces[4]);
-    return fminf(mapped, 1);
+    return mapped < 1 ? mapped : 1;
 }
 
-static int compare_floats(const void *left, const void *right)
+/* The value with `rank` values below it, among those above 0: their bits are ordered as they are. One half of
+ * the bits after the other, each by counting. */
+static float value_of_rank(const float *values, size_t count, size_t rank, uint32_t *counts)
 {
-    float a = *(const float *)left, b = *(const float *)right;
-    return (a > b) - (a < b);
+    uint32_t high = 0, low = 0;
+    for (int half = 0; half < 2; half++) {
+        memset(counts, 0, 65536 * sizeof *counts);
+        for (size_t i = 0; i < count; i++) {
+            uint32_t bits = (uint32_t)bits_of_float(values[i]);
+            if (values[i] > 0 && (!half || bits >> 16 == high))
+                counts[half ? bits & 0xffff : bits >> 16]++;
+        }
+        uint32_t *digit = half ? &low : &high;
+        for (*digit = 0; *digit < 65535 && rank >= counts[*digit]; ++*digit)
+            rank -= counts[*digit];
+    }
+    return float_from_bits((int32_t)(high << 16 | low));
 }
 
 bool flip_exposures_of(const struct measure_image *reference, struct flip_exposures *exposures,
                        struct error *error)
 {
     size_t pixels = (size_t)reference->width * reference->height, dark = 0;
-    float *luminances = malloc((pixels ? pixels : 1) * sizeof *luminances);
-    if (!luminances)
+    float *luminances = malloc((pixels ? pixels : 1) * sizeof *luminances), brightest = 0;
+    uint32_t *counts = malloc(65536 * sizeof *counts);
+    *exposures = (struct flip_exposures){.count = 2};
+    if (!luminances || !counts) {
+        free(luminances);
+        free(counts);
         return error_set(error, STATUS_MEMORY, "no memory for %zu luminances", pixels);
+    }
     for (size_t i = 0; i < pixels; i++) {
         const float *value = reference->values + i * reference->components;
         luminances[i] = reference->components < 3
                             ? value[0]
                             : 0.2126f * value[0] + 0.7152f * value[1] + 0.0722f * value[2];
         dark += luminances[i] > 0 ? 0 : 1;
+        brightest = luminances[i] > brightest ? luminances[i] : brightest;
     }
-    qsort(luminances, pixels, sizeof *luminances, compare_floats);
-    *exposures = (struct flip_exposures){.count = 2};
     if (dark < pixels) {
-        size_t middle = pixels / 2;
-        if (middle < dark)
-            middle = dark + (pixels - dark) / 2;
+        size_t rank = pixels / 2 >= dark ? pixels / 2 - dark : (pixels - dark) / 2;
+        float median = value_of_rank(luminances, pixels, rank, counts);
         /* Where the curve reaches 0.85: a x^2 + b x + c = 0. */
         float a = aces[0] - 0.85f * aces[2], b = aces[1] - 0.85f * aces[3], c = -0.85f * aces[4];
         float half = -0.5f * (b / a), bright = half + sqrtf(half * half - c / a);
-        float start = (float)log2((double)(bright / luminances[pixels - 1]));
-        float stop = (float)log2((double)(bright / luminances[middle]));
+        float start = (float)log2((double)(bright / brightest));
+        float stop = (float)log2((double)(bright / median));
         *exposures =
             (struct flip_exposures){(double)start, (double)stop, (uint32_t)fmaxf(2, ceilf(stop - start))};
     }
     free(luminances);
+    free(counts);
     return true;
 }
 
 /* ---- rows ---------------------------------------------------------------------------------------------- */
 
 enum plane { PLANE_Y, PLANE_CX, PLANE_CZ, PLANE_COUNT };
-enum feature { EDGE_X, EDGE_Y, POINT_X, POINT_Y, FEATURE_COUNT };
+enum feature { EDGE_X, POINT_X, POINT_Y, EDGE_Y, FEATURE_COUNT }; /* the last two come from one convolution */
 
 /* One of the two images on its way through the filters. */
 struct stream {
     float *line[PLANE_COUNT];  /* the row being filtered across, repeated at both ends */
     float *ring[FILTER_COUNT]; /* ring_height rows; row y is at y % ring_height */
-    float *color[PLANE_COUNT]; /* one row, filtered both ways */
+    float *color[PLANE_COUNT]; /* one row, filtered both ways; then CIELAB */
     float *feature[FEATURE_COUNT];
     float *scratch;
 };
@@ -280,7 +411,9 @@ struct comparison {
     struct filters filters;
     struct color color;
     struct stream streams[2];
+    const float **rows; /* 2 * radius + 1, for convolve */
     uint32_t width, height, pad, ring_height;
+    uint32_t first, strip, stride; /* this strip's first column and columns; those, padded to whole blocks */
     float *memory;
 };
 
@@ -292,26 +425,27 @@ static bool comparison_create(struct comparison *work, uint32_t width, uint32_t 
     color_prepare(&work->color);
     work->width = width;
     work->height = height;
+    work->stride =
+        width < STRIP ? (width + MAX_BLOCK * LANES - 1) / (MAX_BLOCK * LANES) * (MAX_BLOCK * LANES) : STRIP;
     work->pad = work->filters.radius;
     work->ring_height = 2 * work->filters.radius + 1;
-    size_t line = (size_t)width + 2 * work->pad;
+    size_t line = (size_t)work->stride + 2 * work->pad;
     size_t rows = FILTER_COUNT * (size_t)work->ring_height + PLANE_COUNT + FEATURE_COUNT + 1;
-    size_t each = PLANE_COUNT * line + rows * width;
-    work->memory = malloc(2 * each * sizeof *work->memory);
-    if (!work->memory) {
-        free(work->filters.memory);
+    size_t each = PLANE_COUNT * line + rows * work->stride;
+    work->memory = calloc(2 * each, sizeof *work->memory);
+    work->rows = calloc(work->ring_height, sizeof *work->rows);
+    if (!work->memory || !work->rows)
         return error_set(error, STATUS_MEMORY, "no memory for FLIP of %u pixels a row", width);
-    }
     for (uint32_t side = 0; side < 2; side++) {
         struct stream *stream = &work->streams[side];
         float *next = work->memory + side * each;
         for (uint32_t i = 0; i < PLANE_COUNT; i++, next += line)
             stream->line[i] = next + work->pad;
-        for (uint32_t i = 0; i < FILTER_COUNT; i++, next += (size_t)work->ring_height * width)
+        for (uint32_t i = 0; i < FILTER_COUNT; i++, next += (size_t)work->ring_height * work->stride)
             stream->ring[i] = next;
-        for (uint32_t i = 0; i < PLANE_COUNT; i++, next += width)
+        for (uint32_t i = 0; i < PLANE_COUNT; i++, next += work->stride)
             stream->color[i] = next;
-        for (uint32_t i = 0; i < FEATURE_COUNT; i++, next += width)
+        for (uint32_t i = 0; i < FEATURE_COUNT; i++, next += work->stride)
             stream->feature[i] = next;
         stream->scratch = next;
     }
@@ -321,123 +455,162 @@ static bool comparison_create(struct comparison *work, uint32_t width, uint32_t 
 static void comparison_destroy(struct comparison *work)
 {
     free(work->filters.memory);
+    free(work->rows);
     free(work->memory);
 }
 
-/* Row `y` of the image as y, x - y, y - z. `gain` 0: clamped to 0..1; else exposed by it and tone-mapped. */
+/* What is shown of `values`, as y, x - y and y - z. */
+static inline __attribute__((always_inline)) void
+show(const float to_white[3][3], const float *restrict values, uint32_t components, bool is_hdr, float gain,
+     uint32_t width, float *restrict y, float *restrict cx, float *restrict cz)
+{
+    uint32_t green = components < 3 ? 0 : 1, blue = components < 3 ? 0 : 2;
+    for (uint32_t x = 0; x < width; x++) {
+        const float *value = values + (size_t)x * components;
+        float rgb[3] = {value[0], value[green], value[blue]}, xyz[3];
+        for (uint32_t c = 0; c < 3; c++)
+            rgb[c] = is_hdr ? tone_map(rgb[c] * gain) : clamp01(rgb[c]);
+        transform(to_white, rgb, xyz);
+        y[x] = xyz[1];
+        cx[x] = xyz[0] - xyz[1];
+        cz[x] = xyz[1] - xyz[2];
+    }
+}
+
+/* `gain` 0: clamped to 0..1; else exposed by it and tone-mapped. */
+WIDE static void show_row(const struct color *color, const float *values, uint32_t components, float gain,
+                          uint32_t width, float *y, float *cx, float *cz)
+{
+    const struct color local = *color;
+    if (components == 3 && gain > 0)
+        show(local.to_white, values, 3, true, gain, width, y, cx, cz);
+    else if (components == 3)
+        show(local.to_white, values, 3, false, gain, width, y, cx, cz);
+    else
+        show(local.to_white, values, 1, gain > 0, gain, width, y, cx, cz);
+}
+
+/* The strip's part of row y, and `pad` pixels beyond on either side: the image's own as far as it goes. */
 static void read_row(const struct comparison *work, const struct measure_image *image, uint32_t y, float gain,
                      struct stream *stream)
 {
-    const float *values = image->values + (size_t)y * image->width * image->components;
+    uint32_t end = work->first + work->strip;
+    uint32_t left = work->pad < work->first ? work->pad : work->first;
+    uint32_t right = work->pad < work->width - end ? work->pad : work->width - end;
+    uint32_t width = left + work->strip + right;
+    const float *values = image->values + ((size_t)y * work->width + work->first - left) * image->components;
     float *const *line = stream->line;
-    for (uint32_t x = 0; x < work->width; x++) {
-        float rgb[3], xyz[3];
-        for (uint32_t c = 0; c < 3; c++) {
-            float value = image->components < 3 ? values[x] : values[3 * x + c];
-            rgb[c] = gain > 0 ? tone_map(value * gain) : fminf(fmaxf(value, 0), 1);
-        }
-        transform(work->color.to_white, rgb, xyz);
-        line[PLANE_Y][x] = xyz[1];
-        line[PLANE_CX][x] = xyz[0] - xyz[1];
-        line[PLANE_CZ][x] = xyz[1] - xyz[2];
+    show_row(&work->color, values, image->components, gain, width, line[PLANE_Y] - left,
+             line[PLANE_CX] - left, line[PLANE_CZ] - left);
+    for (uint32_t plane = 0; plane < PLANE_COUNT; plane++) {
+        float *first = line[plane] - left, *last = first + width - 1;
+        for (uint32_t i = 1; i <= work->pad - left; i++)
+            *(first - i) = *first;
+        for (uint32_t i = 1; i <= work->pad - right; i++)
+            last[i] = *last;
     }
-    for (uint32_t plane = 0; plane < PLANE_COUNT; plane++)
-        for (uint32_t i = 1; i <= work->pad; i++) {
-            *(line[plane] - i) = line[plane][0];
-            line[plane][work->width - 1 + i] = line[plane][work->width - 1];
-        }
 }
 
 static void filter_across(const struct comparison *work, uint32_t y, struct stream *stream)
 {
-    static const enum plane source[FILTER_COUNT] = {PLANE_Y, PLANE_CX, PLANE_CZ, PLANE_CZ,
-                                                    PLANE_Y, PLANE_Y,  PLANE_Y};
-    for (uint32_t name = 0; name < FILTER_COUNT; name++) {
-        float *to = stream->ring[name] + (size_t)(y % work->ring_height) * work->width;
-        (name == FILTER_EDGE ? filter_odd : filter_even)(&work->filters.each[name],
-                                                         stream->line[source[name]], to, work->width);
+    const struct filter *filter = work->filters.each;
+    const float **rows = work->rows + work->pad;
+    float *to[FILTER_COUNT];
+    int pad = (int)work->pad;
+    for (uint32_t name = 0; name < FILTER_COUNT; name++)
+        to[name] = stream->ring[name] + (size_t)(y % work->ring_height) * work->stride;
+    for (int k = -pad; k <= pad; k++)
+        rows[k] = stream->line[PLANE_Y] + k;
+    convolve_even(rows, &filter[FILTER_Y], to[FILTER_Y], work->stride);
+    convolve_two_odd(rows, &filter[FILTER_BLUR], &filter[FILTER_POINT], &filter[FILTER_EDGE],
+                     &to[FILTER_BLUR], work->stride);
+    for (int k = -pad; k <= pad; k++)
+        rows[k] = stream->line[PLANE_CX] + k;
+    convolve_even(rows, &filter[FILTER_CX], to[FILTER_CX], work->stride);
+    for (int k = -pad; k <= pad; k++)
+        rows[k] = stream->line[PLANE_CZ] + k;
+    convolve_two(rows, &filter[FILTER_CZ1], &filter[FILTER_CZ2], &to[FILTER_CZ1], work->stride);
+}
+
+/* The rows about y of what was filtered across by `name`. */
+static const float *const *rows_about(const struct comparison *work, const struct stream *stream,
+                                      enum filter_name name, uint32_t y)
+{
+    int64_t last = (int64_t)work->height - 1, pad = (int64_t)work->pad;
+    for (int64_t k = -pad; k <= pad; k++) {
+        int64_t row = (int64_t)y + k < 0 ? 0 : (int64_t)y + k > last ? last : (int64_t)y + k;
+        work->rows[k + pad] = stream->ring[name] + (size_t)(row % work->ring_height) * work->stride;
     }
+    return work->rows + pad;
 }
 
-static const float *ring_row(const struct comparison *work, const struct stream *stream,
-                             enum filter_name name, int64_t y)
+static void filter_down(const struct comparison *work, uint32_t y, struct stream *stream)
 {
-    int64_t last = (int64_t)work->height - 1, row = y < 0 ? 0 : y > last ? last : y;
-    return stream->ring[name] + (size_t)(row % work->ring_height) * work->width;
-}
-
-/* Filters what `across` has filtered by `down`, at row y. */
-static void filter_down(const struct comparison *work, const struct stream *stream, enum filter_name across,
-                        enum filter_name down, uint32_t y, float *to)
-{
-    const struct filter *filter = &work->filters.each[down];
-    const float *centre = ring_row(work, stream, across, y);
-    float sign = down == FILTER_EDGE ? -1 : 1;
-    for (uint32_t x = 0; x < work->width; x++)
-        to[x] = filter->taps[0] * centre[x];
-    for (uint32_t i = 1; i <= filter->radius; i++) {
-        const float *above = ring_row(work, stream, across, (int64_t)y - i);
-        const float *below = ring_row(work, stream, across, (int64_t)y + i);
-        float tap = filter->taps[i];
-        for (uint32_t x = 0; x < work->width; x++)
-            to[x] += tap * (below[x] + sign * above[x]);
-    }
-}
-
-static void filter_row_down(const struct comparison *work, uint32_t y, struct stream *stream)
-{
-    filter_down(work, stream, FILTER_Y, FILTER_Y, y, stream->color[PLANE_Y]);
-    filter_down(work, stream, FILTER_CX, FILTER_CX, y, stream->color[PLANE_CX]);
-    filter_down(work, stream, FILTER_CZ1, FILTER_CZ1, y, stream->color[PLANE_CZ]);
-    filter_down(work, stream, FILTER_CZ2, FILTER_CZ2, y, stream->scratch);
-    for (uint32_t x = 0; x < work->width; x++)
-        stream->color[PLANE_CZ][x] += stream->scratch[x];
-    filter_down(work, stream, FILTER_EDGE, FILTER_BLUR, y, stream->feature[EDGE_X]);
-    filter_down(work, stream, FILTER_BLUR, FILTER_EDGE, y, stream->feature[EDGE_Y]);
-    filter_down(work, stream, FILTER_POINT, FILTER_BLUR, y, stream->feature[POINT_X]);
-    filter_down(work, stream, FILTER_BLUR, FILTER_POINT, y, stream->feature[POINT_Y]);
+    const struct filter *filter = work->filters.each;
+    uint32_t width = work->stride;
+    float *const *color = stream->color;
+    convolve_even(rows_about(work, stream, FILTER_Y, y), &filter[FILTER_Y], color[PLANE_Y], width);
+    convolve_even(rows_about(work, stream, FILTER_CX, y), &filter[FILTER_CX], color[PLANE_CX], width);
+    convolve_even(rows_about(work, stream, FILTER_CZ1, y), &filter[FILTER_CZ1], color[PLANE_CZ], width);
+    convolve_even(rows_about(work, stream, FILTER_CZ2, y), &filter[FILTER_CZ2], stream->scratch, width);
+    for (uint32_t x = 0; x < width; x++)
+        color[PLANE_CZ][x] += stream->scratch[x];
+    convolve_even(rows_about(work, stream, FILTER_EDGE, y), &filter[FILTER_BLUR], stream->feature[EDGE_X],
+                  width);
+    convolve_even(rows_about(work, stream, FILTER_POINT, y), &filter[FILTER_BLUR], stream->feature[POINT_X],
+                  width);
+    convolve_even_odd(rows_about(work, stream, FILTER_BLUR, y), &filter[FILTER_POINT], &filter[FILTER_EDGE],
+                      &stream->feature[POINT_Y], width);
 }
 
 /* ---- differences --------------------------------------------------------------------------------------- */
 
-static inline void filtered_lab(const struct comparison *work, const struct stream *stream, uint32_t x,
-                                float lab[3])
+/* A filtered row, clamped to what a display can show, becomes CIELAB in place. */
+WIDE static void lab_row(const struct color *color, uint32_t width, float *restrict y, float *restrict cx,
+                         float *restrict cz)
 {
-    float y = stream->color[PLANE_Y][x];
-    float xyz[3] = {y + stream->color[PLANE_CX][x], y, y - stream->color[PLANE_CZ][x]}, rgb[3];
-    transform(work->color.from_white, xyz, rgb);
-    for (int i = 0; i < 3; i++)
-        rgb[i] = fminf(fmaxf(rgb[i], 0), 1);
-    hunt_lab(&work->color, rgb, lab);
-}
-
-static inline float magnitude(const struct stream *stream, enum feature first, uint32_t x)
-{
-    float across = stream->feature[first][x], down = stream->feature[first + 1][x];
-    return sqrtf(across * across + down * down);
-}
-
-static void difference_row(const struct comparison *work, float *map)
-{
-    const struct stream *a = &work->streams[0], *b = &work->streams[1];
-    float largest = work->color.largest, knee = (float)KNEE_IN * largest, knee_out = (float)KNEE_OUT;
-    for (uint32_t x = 0; x < work->width; x++) {
-        float lab_a[3], lab_b[3];
-        filtered_lab(work, a, x, lab_a);
-        filtered_lab(work, b, x, lab_b);
-        float distance = lab_distance(lab_a, lab_b);
-        float color = distance < knee ? distance * (knee_out / knee)
-                                      : knee_out + (distance - knee) / (largest - knee) * (1 - knee_out);
-        float edge = fabsf(magnitude(a, EDGE_X, x) - magnitude(b, EDGE_X, x));
-        float point = fabsf(magnitude(a, POINT_X, x) - magnitude(b, POINT_X, x));
-        float feature = powf((float)M_SQRT1_2 * fmaxf(edge, point), (float)FEATURE_EXPONENT);
-        map[x] = powf(color, 1 - feature);
+    const struct color local = *color;
+    for (uint32_t x = 0; x < width; x++) {
+        float xyz[3] = {y[x] + cx[x], y[x], y[x] - cz[x]}, rgb[3], lab[3];
+        transform(local.from_white, xyz, rgb);
+        for (int i = 0; i < 3; i++)
+            rgb[i] = clamp01(rgb[i]);
+        hunt_lab(local.to_white, rgb, lab);
+        y[x] = lab[0];
+        cx[x] = lab[1];
+        cz[x] = lab[2];
     }
 }
 
-/* One exposure: every pixel of `map` becomes the larger of itself and the difference. */
-static void compare_once(struct comparison *work, const struct measure_image *const images[2], float gain,
-                         float *row, float *map)
+static inline float magnitude_difference(const float *restrict ax, const float *restrict ay,
+                                         const float *restrict bx, const float *restrict by, uint32_t x)
+{
+    return fabsf(sqrtf(ax[x] * ax[x] + ay[x] * ay[x]) - sqrtf(bx[x] * bx[x] + by[x] * by[x]));
+}
+
+/* Every pixel of `map` becomes the larger of itself and the difference. */
+WIDE static void difference_row(const struct comparison *work, float *restrict map)
+{
+    const struct stream a = work->streams[0], b = work->streams[1];
+    float largest = work->color.largest, knee = (float)KNEE_IN * largest, knee_out = (float)KNEE_OUT;
+    float below = knee_out / knee, above = (1 - knee_out) / (largest - knee);
+    for (uint32_t x = 0; x < work->strip; x++) {
+        float lab_a[3] = {a.color[0][x], a.color[1][x], a.color[2][x]};
+        float lab_b[3] = {b.color[0][x], b.color[1][x], b.color[2][x]};
+        float distance = lab_distance(lab_a, lab_b);
+        float color = distance < knee ? distance * below : knee_out + (distance - knee) * above;
+        float edge = magnitude_difference(a.feature[EDGE_X], a.feature[EDGE_Y], b.feature[EDGE_X],
+                                          b.feature[EDGE_Y], x);
+        float point = magnitude_difference(a.feature[POINT_X], a.feature[POINT_Y], b.feature[POINT_X],
+                                           b.feature[POINT_Y], x);
+        float feature = sqrtf((float)M_SQRT1_2 * (edge > point ? edge : point)); /* q_f = 0.5 */
+        float value = power_of(color, 1 - feature);
+        map[x] = value > map[x] ? value : map[x];
+    }
+}
+
+static void compare_strip(struct comparison *work, const struct measure_image *const images[2], float gain,
+                          float *map)
 {
     uint32_t filtered = 0, radius = work->filters.radius;
     for (uint32_t y = 0; y < work->height; y++) {
@@ -446,12 +619,24 @@ static void compare_once(struct comparison *work, const struct measure_image *co
                 read_row(work, images[side], filtered, gain, &work->streams[side]);
                 filter_across(work, filtered, &work->streams[side]);
             }
-        for (uint32_t side = 0; side < 2; side++)
-            filter_row_down(work, y, &work->streams[side]);
-        difference_row(work, row);
-        float *to = map + (size_t)y * work->width;
-        for (uint32_t x = 0; x < work->width; x++)
-            to[x] = fmaxf(to[x], row[x]);
+        for (uint32_t side = 0; side < 2; side++) {
+            struct stream *stream = &work->streams[side];
+            filter_down(work, y, stream);
+            lab_row(&work->color, work->stride, stream->color[PLANE_Y], stream->color[PLANE_CX],
+                    stream->color[PLANE_CZ]);
+        }
+        difference_row(work, map + (size_t)y * work->width + work->first);
+    }
+}
+
+/* One exposure. */
+static void compare_once(struct comparison *work, const struct measure_image *const images[2], float gain,
+                         float *map)
+{
+    for (work->first = 0; work->first < work->width; work->first += work->strip) {
+        uint32_t left = work->width - work->first;
+        work->strip = left < STRIP ? left : STRIP;
+        compare_strip(work, images, gain, map);
     }
 }
 
@@ -495,10 +680,9 @@ bool flip_compare(const struct measure_image *image, const struct measure_image 
 
     size_t pixels = (size_t)image->width * image->height, counted = 0;
     float *own_map = map ? NULL : malloc(pixels * sizeof *own_map);
-    float *row = malloc(image->width * sizeof *row);
     struct comparison work = {0};
     bool is_done = false;
-    if (!row || !(map || own_map)) {
+    if (!(map || own_map)) {
         error_set(error, STATUS_MEMORY, "no memory for a map of %zu pixels", pixels);
         goto cleanup;
     }
@@ -514,12 +698,10 @@ bool flip_compare(const struct measure_image *image, const struct measure_image 
         float start = (float)exposures->start;
         float step = ((float)exposures->stop - start) / (float)(exposures->count - 1);
         for (uint32_t i = 0; i < exposures->count; i++)
-            compare_once(&work, images, fminf(fmaxf(exp2f(start + (float)i * step), FLT_MIN), FLT_MAX), row,
-                         map);
+            compare_once(&work, images, fminf(fmaxf(exp2f(start + (float)i * step), FLT_MIN), FLT_MAX), map);
     } else {
-        compare_once(&work, images, 0, row, map);
+        compare_once(&work, images, 0, map);
     }
-    comparison_destroy(&work);
 
     for (size_t i = 0; i < pixels; i++)
         if (!params->mask || params->mask[i]) {
@@ -532,6 +714,6 @@ bool flip_compare(const struct measure_image *image, const struct measure_image 
 
 cleanup:
     free(own_map);
-    free(row);
+    comparison_destroy(&work);
     return is_done;
 }
