@@ -175,6 +175,21 @@ static bool find_pivot(struct drive *drive, const struct client_frame *frame, co
     return true;
 }
 
+/* A seed that the paths do not use. */
+static bool find_other_seed(struct drive *drive, struct error *error)
+{
+    if (!client_find_setting(drive->client, "seed", &drive->seed, error))
+        return false;
+    const struct protocol_setting *setting = &drive->hello->settings[drive->seed];
+    double used = setting->value;
+    for (uint32_t i = 0; i < drive->options->setting_count; i++)
+        if (strcmp(drive->options->settings[i].name, "seed") == 0 &&
+            !client_setting_parse(setting, drive->options->settings[i].value, &used, error))
+            return false;
+    drive->other_seed = used + 7919 <= setting->maximum ? used + 7919 : used - 7919;
+    return true;
+}
+
 static bool probe(struct drive *drive, struct error *error)
 {
     struct shown shown;
@@ -227,8 +242,7 @@ bool drive_begin(struct drive *drive, struct error *error)
     drive->light_index = light;
     return client_find_channel(drive->client, options->channel, &drive->channel, error) &&
            client_find_setting(drive->client, "accumulate", &drive->accumulate, error) &&
-           client_find_setting(drive->client, "seed", &drive->seed, error) && find_flicker(drive, error) &&
-           probe(drive, error);
+           find_other_seed(drive, error) && find_flicker(drive, error) && probe(drive, error);
 }
 
 /* ---- a path -------------------------------------------------------------------------------------------- */
@@ -384,7 +398,7 @@ static bool take_frame(struct drive *drive, int64_t frame, struct shown *shown, 
 }
 
 /* The state of `frame`, converged: in a view of its own, so that it does not depend on what went before. */
-static bool take_reference(struct drive *drive, int64_t frame, uint32_t seed_offset, struct picture *picture,
+static bool take_reference(struct drive *drive, int64_t frame, bool is_other, struct picture *picture,
                            struct error *error)
 {
     const struct stability_options *options = drive->options;
@@ -393,8 +407,8 @@ static bool take_reference(struct drive *drive, int64_t frame, uint32_t seed_off
     if (!path_at(drive->path, &drive->base, frame, drive->frames, &state, error) ||
         !create_view(drive, &shown, error) ||
         !client_view_setting(drive->client, shown.view, drive->accumulate, options->accumulate, error) ||
-        (seed_offset && !client_view_setting(drive->client, shown.view, drive->seed,
-                                             drive->hello->settings[drive->seed].value + 7919, error)) ||
+        (is_other &&
+         !client_view_setting(drive->client, shown.view, drive->seed, drive->other_seed, error)) ||
         !show(drive, &shown, &state, error))
         return false;
     double begin = seconds_now();
@@ -418,15 +432,15 @@ static bool take_references(struct drive *drive, struct error *error)
     for (uint32_t i = 0; i < drive->pair_count; i++) {
         struct drive_pair *pair = &drive->pairs[i];
         last = pair->frame;
-        if (!take_reference(drive, pair->frame - 1, 0, &pair->reference_before, error) ||
-            !take_reference(drive, pair->frame, 0, &pair->reference_now, error))
+        if (!take_reference(drive, pair->frame - 1, false, &pair->reference_before, error) ||
+            !take_reference(drive, pair->frame, false, &pair->reference_now, error))
             return false;
     }
     if (drive->path == PATH_SETTINGS_FLICKER)
         last = 0; /* with the first setting */
-    if (drive->pair_count == 0 && !take_reference(drive, last, 0, &drive->reference, error))
+    if (drive->pair_count == 0 && !take_reference(drive, last, false, &drive->reference, error))
         return false;
-    return take_reference(drive, last, 1, &drive->reference_other, error);
+    return take_reference(drive, last, true, &drive->reference_other, error);
 }
 
 bool drive_path(struct drive *drive, enum path_id path, uint32_t frames, struct error *error)

@@ -30,6 +30,7 @@ struct drive {
     uint32_t channel, width, height;
     uint32_t statistic[STATISTIC_COUNT], accumulate, seed; /* indices in HELLO's lists */
     uint32_t light_index;                                  /* of the one that moves */
+    double other_seed;                                     /* for a second reference */
     uint32_t flicker_setting;
     double flicker_values[2]; /* of settings-flicker */
     double exposure; /* stops, of pictures for FLIP and for people: one for all, so that they compare */

@@ -6,6 +6,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#define MAX_KEPT_BYTES (4.0 * 0x1p30) /* of pictures, by paths that need all of them at their end */
+
 const char stability_help[] =
     "caustic-stability: measures how steady the caustics of a causticd are over time.\n"
     "\n"
@@ -322,6 +324,14 @@ static bool check_paths(const struct stability_options *options, struct error *e
             return error_set(error, STATUS_INVALID,
                              "--warmup 0: path %s needs a picture from before it; give it 1 at least",
                              info->name);
+        double kept = 16.0 * options->width * options->height * frames;
+        if ((info->kind == PATH_STEPS || info->kind == PATH_ALTERNATES) && kept > MAX_KEPT_BYTES)
+            return error_set(
+                error, STATUS_LIMIT,
+                "--frames %u: path %s keeps its frames, and at %ux%u they take %.3g GiB of at most "
+                "%.3g; choose fewer or a smaller --size",
+                frames, info->name, options->width, options->height, kept * 0x1p-30,
+                MAX_KEPT_BYTES * 0x1p-30);
         if (info->kind == PATH_ALTERNATES && frames < 4 * options->base.flicker_period)
             return error_set(
                 error, STATUS_INVALID,

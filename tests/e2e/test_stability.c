@@ -152,6 +152,8 @@ static void wrong_commands_exit_2(void **state)
         {"--warmup 0 --path cut", "path cut needs a picture from before it"},
         {"--size 0x9", "--size 0x9"},
         {"--set photons", "--set photons: write NAME=VALUE"},
+        {"--frames 900000 --path cut --size 64x36",
+         "path cut keeps its frames, and at 64x36 they take 30.9 GiB"},
         {"--seed -1", "--seed -1: must be between"},
         {"--flicker aa=filter", "write NAME=FIRST,SECOND"},
         {"--frames 16 --path settings-flicker --flicker-period 5", "four periods"},
@@ -182,6 +184,7 @@ static void what_the_server_refuses_exits_1(void **state)
         {SHORT "--path still --camera nobody", "nobody"},
         {SHORT "--path settings-flicker --flicker aa=filter,sharp", "sharp"},
         {"--frames 16 --path still --size 60000x60000", "60000"},
+        {SHORT "--path still --timeout 0.3 --set accumulate=1500", "no answer from the server in time"},
     };
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++)
         expect(run("refused", NULL, cases[i][0]), 1, cases[i][1]);
