@@ -3,12 +3,14 @@
 // photon_compact.comp: lines up the next bounce's queue and turns deposits into photons ready to be drawn.
 //
 // Reads   outcomes, prefix sums, photon rays, quadtree leaves, targets
-// Writes  queue of the next bounce, photon list (both in task and branch order), flux by fate
+// Writes  queue of the next bounce, photon list (both in task and branch order), flux by fate; where somebody looks
+//         through glass and mirrors, photons to be looked up there, seen directly or not
 // Source  design 5 (culling), 6 (one covariance), 7; aaps-thesis 3.1.2, 3.3.5
 #include "frame.glsl"
 #include "optics.glsl"
 #include "photons.glsl"
 #include "targets.glsl"
+#include "lookup.glsl"
 layout(local_size_x = GROUP_SIZE) in;
 layout(std430, binding = BINDING_PASS + 2) readonly buffer ray_buffer { photon_ray rays[]; };
 layout(std430, binding = BINDING_PASS + 3) readonly buffer queue_buffer { uint queue[]; };
@@ -17,11 +19,8 @@ layout(std430, binding = BINDING_PASS + 5) readonly buffer group_buffer { uvec2 
 layout(std430, binding = BINDING_PASS + 6) writeonly buffer next_buffer { uint next_queue[]; };
 layout(std430, binding = BINDING_PASS + 7) writeonly buffer photon_buffer { photon photons[]; };
 layout(std430, binding = BINDING_PASS + 8) readonly buffer tree_buffer { uint tree[]; };
+layout(std430, binding = BINDING_PASS + 9) writeonly buffer seen_buffer { lookup_photon seen[]; };
 layout(push_constant) uniform push_block { uint parity; };
-
-// Areas the sqrt rule tells apart, px^2: below a pixel's half more photons only calm the pixel's sum.
-const float ROOT_AREA_MIN = 0.5, ROOT_AREA_MAX = 1000.0;
-const float AREA_MAX = 1e9; // px^2: feedback of a singular footprint stays finite
 
 shared uint group_outcomes[GROUP_SIZE];
 
@@ -34,6 +33,48 @@ bool sees(vec2 pixel, vec3 position, vec3 normal, float slack)
     if (any(lessThan(pixel, vec2(0.0))) || any(greaterThanEqual(pixel, vec2(float(frame.width), float(frame.height)))))
         return false;
     return target_accepts(targets[uint(pixel.y) * frame.width + uint(pixel.x)], position, normal, slack);
+}
+
+// The same photon without a camera: its footprint in metres.
+lookup_photon make_lookup_photon(photon_ray ray)
+{
+    lookup_photon p;
+    vec3 position = ray.origin.xyz - frame.eye.xyz;
+    uint packed = pack_normal(ray.direction.xyz);
+    vec3 t1, t2;
+    tangent_frame(unpack_normal(packed), t1, t2);
+    differential x = ray_differential(ray);
+    vec2 a = vec2(dot(x.p_u, t1), dot(x.p_u, t2)), b = vec2(dot(x.p_v, t1), dot(x.p_v, t2));
+    if (!is_finite(dot(a, a) + dot(b, b)))
+        a = b = vec2(0.0);
+    float cxx = frame.kappa * (a.x * a.x + b.x * b.x);
+    float cxy = frame.kappa * (a.x * a.y + b.x * b.y);
+    float cyy = frame.kappa * (a.y * a.y + b.y * b.y);
+    // The limits of make_photon, as if the point were seen straight from the eye.
+    float pixel2 = dot(position, position) * frame.forward.w;
+    float middle = 0.5 * (cxx + cyy);
+    float apart = sqrt(0.25 * (cxx - cyy) * (cxx - cyy) + cxy * cxy);
+    float major = middle + apart, minor = max(middle - apart, 0.0);
+    float limit = pixel2 * min(frame.max_radius * frame.max_radius,
+                               frame.max_anisotropy * frame.max_anisotropy *
+                                   (minor / max(pixel2, 1e-30) + frame.filter_radius * frame.filter_radius));
+    if (major > limit) {
+        vec2 e = abs(cxx - major) > abs(cyy - major) ? vec2(cxy, major - cxx) : vec2(major - cyy, cxy);
+        float excess = (major - limit) / max(dot(e, e), 1e-30);
+        cxx -= excess * e.x * e.x;
+        cxy -= excess * e.x * e.y;
+        cyy -= excess * e.y * e.y;
+        if (minor > limit) {
+            cxx = cyy = limit;
+            cxy = 0.0;
+        }
+    }
+    float spread = 0.25 * sqrt(frame.kappa) * (length(a) + length(b));
+    p.position = vec4(position, uintBitsToFloat(packed));
+    p.covariance = vec4(max(cxx, 0.0), cxy, max(cyy, 0.0), min(spread, 0.25 * frame.max_radius * sqrt(pixel2)));
+    p.flux = vec4(ray.flux.xyz, abs(a.x * b.y - a.y * b.x));
+    p.cell = fate == FATE_CULLED_SOLID_ANGLE ? NONE : ray.cell | ((ray.state & STATE_WEAK) != 0u ? CELL_WEAK : 0u);
+    return p;
 }
 
 photon make_photon(photon_ray ray)
@@ -170,8 +211,8 @@ photon make_photon(photon_ray ray)
 
     p.cell = ray.cell | ((ray.state & STATE_WEAK) != 0u ? CELL_WEAK : 0u);
     // Photons at a rim count as well: a coarse one just out of sight spills more light into view than it should.
-    p.area = min(area, AREA_MAX);
-    p.root = sqrt(clamp(p.area, ROOT_AREA_MIN, ROOT_AREA_MAX) * total / frame.cell_flux);
+    p.area = photon_area(area);
+    p.root = photon_root(p.area, total);
     p.ellipse = vec4(u00, u01, u11, extent.y);
     p.center = vec4(center, w);
     if (is_small) {
@@ -209,6 +250,8 @@ void main()
         photon_ray ray = rays[queue[index]];
         photon p = make_photon(ray);
         photons[counters.photon_base + before.y] = p;
+        if (has(FEATURE_LOOKUP))
+            seen[counters.photon_base + before.y] = make_lookup_photon(ray);
         flux = channel_sum(ray.flux.xyz);
         is_drawn = p.cell != NONE ? 1u : 0u;
     }

@@ -12,6 +12,7 @@
 #include "scene.glsl"
 #include "media.glsl"
 #include "optics.glsl"
+#include "scene_differentials.glsl"
 #include "photons.glsl"
 layout(local_size_x = GROUP_SIZE) in;
 layout(std430, binding = BINDING_PASS + 1) buffer ray_buffer { photon_ray rays[]; };
@@ -51,24 +52,6 @@ void spawn(photon_ray ray, uint slot, vec3 origin, vec3 direction, differential 
     ray.medium = medium;
     ray.state = (ray.state & 0x7c000u) + ((ray.state & 0xffu) + 1u) + (splits << 8) + (last << 12);
     children[slot] = ray;
-}
-
-void reflect_differential(inout differential x, vec3 d, vec3 n, surface s)
-{
-    float side = dot(n, s.normal) < 0.0 ? -1.0 : 1.0;
-    x.d_u = differential_reflect_one(x.d_u, side * surface_normal_change(s, x.p_u), d, n);
-    x.d_v = differential_reflect_one(x.d_v, side * surface_normal_change(s, x.p_v), d, n);
-}
-
-void refract_differential(inout differential x, vec3 d, vec3 n, surface s, float eta, float cos_t)
-{
-    if (eta == 1.0)
-        return; // no interface
-    if (cos_t < REFRACT_COS_MIN)
-        guard++;
-    float side = dot(n, s.normal) < 0.0 ? -1.0 : 1.0;
-    x.d_u = differential_refract_one(x.d_u, side * surface_normal_change(s, x.p_u), d, n, eta, cos_t);
-    x.d_v = differential_refract_one(x.d_v, side * surface_normal_change(s, x.p_v), d, n, eta, cos_t);
 }
 
 void main()
@@ -260,7 +243,7 @@ void main()
                     if (!thin) {
                         if (eta != 1.0)
                             turned = normalize(eta * direction + (eta * cos_i - cos_t) * normal);
-                        refract_differential(y, direction, normal, s, eta, cos_t);
+                        refract_differential(y, direction, normal, s, eta, cos_t, guard);
                         if (dot(turned, geometric) >= 0.0)
                             turned = normalize(turned - (dot(turned, geometric) + 1e-3) * geometric);
                         medium = b.beyond;

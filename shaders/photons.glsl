@@ -5,6 +5,20 @@ const uint STATE_HIDDEN = 1u << 19; // of a deposit: the camera does not see it 
 
 layout(std430, binding = BINDING_PASS) buffer counter_buffer { counters_gpu counters; };
 
+// Areas the sqrt rule tells apart, px^2: below a pixel's half more photons only calm the pixel's sum.
+const float ROOT_AREA_MIN = 0.5, ROOT_AREA_MAX = 1000.0;
+const float AREA_MAX = 1e9; // px^2: feedback of a singular footprint stays finite
+
+float photon_area(float area)
+{
+    return min(area, AREA_MAX);
+}
+
+float photon_root(float area, float flux)
+{
+    return sqrt(clamp(area, ROOT_AREA_MIN, ROOT_AREA_MAX) * flux / frame.cell_flux);
+}
+
 differential ray_differential(photon_ray ray)
 {
     differential x;

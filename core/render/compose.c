@@ -2,7 +2,7 @@
 #include "view_state.h"
 
 /* Channels with a value per pixel, in the order the shader writes them. */
-#define IMAGE_CHANNELS 0x3fu
+#define IMAGE_CHANNELS ((1u << CHANNEL_DENSITY) - 1)
 
 bool compose_prepare(struct view *view)
 {
@@ -17,16 +17,18 @@ void compose_record(struct view *view, struct gpu_frame *frame)
 {
     bool is_odd = view->plan.has_variance && view->subframe % 2;
     gpu_pass_begin(frame, "compose");
-    view_dispatch(view, frame,
-                  &(struct view_dispatch){
-                      .shader = "compose.comp",
-                      .has_push = true,
-                      .push = view->channel_mask & IMAGE_CHANNELS,
-                      .groups = {groups_of(view->width * view->height), 1},
-                      USES({BINDING_PASS, GPU_READ, BUFFER_SURFACES},
-                           {BINDING_PASS + 1, GPU_READ,
-                            !view->plan.has_photons ? BUFFER_SURFACES
-                                                    : (is_odd ? BUFFER_IRRADIANCE_OTHER : BUFFER_IRRADIANCE)},
-                           {BINDING_PASS + 2, GPU_READ_WRITE, BUFFER_OUTPUT})});
+    view_dispatch(
+        view, frame,
+        &(struct view_dispatch){
+            .shader = "compose.comp",
+            .has_push = true,
+            .push = view->channel_mask & IMAGE_CHANNELS,
+            .groups = {groups_of(view->width * view->height), 1},
+            USES({BINDING_PASS, GPU_READ, BUFFER_SURFACES},
+                 {BINDING_PASS + 1, GPU_READ,
+                  !view->plan.has_photons ? BUFFER_SURFACES
+                                          : (is_odd ? BUFFER_IRRADIANCE_OTHER : BUFFER_IRRADIANCE)},
+                 {BINDING_PASS + 2, GPU_READ_WRITE, BUFFER_OUTPUT},
+                 {BINDING_PASS + 3, GPU_READ, view->plan.has_lookup ? BUFFER_INDIRECT : BUFFER_SURFACES})});
     gpu_pass_end(frame);
 }

@@ -93,6 +93,9 @@ void features_find(const struct view *view, uint32_t channel_mask, struct featur
     if (channel_mask & ((1u << CHANNEL_BEAUTY) | (1u << CHANNEL_NORMAL) | (1u << CHANNEL_ALBEDO)))
         features->bits |= FEATURE_CHAINS;
 
+    features->no_lookup_reason = lookup_reason_against(view, channel_mask, features->caster_count);
+    if ((channel_mask & (1u << CHANNEL_INDIRECT)) && !features->no_lookup_reason)
+        features->bits |= FEATURE_CHAINS;
     features->black_reason =
         scene->instance_count == 0      ? "the scene has no geometry"
         : scene->light_count == 0       ? "the scene has no light"
@@ -102,11 +105,16 @@ void features_find(const struct view *view, uint32_t channel_mask, struct featur
                                         : NULL;
     uint32_t other =
         (1u << CHANNEL_BEAUTY) | (1u << CHANNEL_DEPTH) | (1u << CHANNEL_NORMAL) | (1u << CHANNEL_ALBEDO);
-    features->needs_caustics = channel_mask == 0 || (channel_mask & ~(other & ~(1u << CHANNEL_BEAUTY))) != 0;
+    uint32_t shown = channel_mask & ~(other & ~(1u << CHANNEL_BEAUTY));
+    if (features->no_lookup_reason)
+        shown &= ~(1u << CHANNEL_INDIRECT);
+    features->needs_caustics = channel_mask == 0 || shown != 0;
     if (features->black_reason)
         features->needs_caustics = false;
-    if (features->needs_caustics)
+    if (features->needs_caustics) {
         features->bits |= FEATURE_CAUSTICS;
-    else
+        if (!features->no_lookup_reason)
+            features->bits |= FEATURE_LOOKUP | (view->settings.camera_branches > 1 ? FEATURE_BRANCHES : 0);
+    } else
         features->bits &= ~(FEATURE_VARIANCE | FEATURE_TEXTURED_FLUX | FEATURE_CHROMATIC);
 }

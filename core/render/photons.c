@@ -76,8 +76,9 @@ void photons_record(struct view *view, struct gpu_frame *frame)
                      {BINDING_PASS + 1, GPU_READ, BUFFER_TARGETS}, {BINDING_PASS + 2, GPU_READ, rays},
                      {BINDING_PASS + 3, GPU_READ, queue}, {BINDING_PASS + 4, GPU_READ, BUFFER_OUTCOMES},
                      {BINDING_PASS + 5, GPU_READ, BUFFER_GROUPS}, {BINDING_PASS + 6, GPU_WRITE, next_queue},
-                     {BINDING_PASS + 7, GPU_WRITE, BUFFER_PHOTONS},
-                     {BINDING_PASS + 8, GPU_READ, BUFFER_TREE})});
+                     {BINDING_PASS + 7, GPU_WRITE, BUFFER_PHOTONS}, {BINDING_PASS + 8, GPU_READ, BUFFER_TREE},
+                     {BINDING_PASS + 9, GPU_WRITE,
+                      view->plan.has_lookup ? BUFFER_LOOKUP_PHOTONS : BUFFER_PHOTONS})});
         gpu_pass_end(frame);
     }
 }

@@ -28,6 +28,7 @@ void plan_make(const struct view *view, const struct features *features, uint32_
     bool is_all_quads = settings->aa == SPLAT_AA_MSAA || settings->aa == SPLAT_AA_MSAA_SAMPLE;
     plan->has_sums = plan->has_photons && !is_all_quads;
     plan->has_quads = plan->has_photons && (is_all_quads || settings->aa == SPLAT_AA_MSAA_SMALL);
+    plan->has_lookup = plan->has_photons && (bits & FEATURE_LOOKUP) != 0;
 
     const char *no_photons =
         features->black_reason ? features->black_reason : "no requested channel shows caustics";
@@ -36,9 +37,9 @@ void plan_make(const struct view *view, const struct features *features, uint32_
     line(plan, "direct light", plan->has_gbuffer && (bits & FEATURE_BEAUTY), "beauty is requested",
          "beauty is not requested");
     line(plan, "camera chains", plan->has_gbuffer && (bits & FEATURE_CHAINS) && features->caster_count > 0,
-         "beauty, normal and albedo look through glass and mirrors",
+         "beauty, indirect, normal and albedo look through glass and mirrors",
          features->caster_count == 0 ? "nothing refracts or mirrors"
-                                     : "neither beauty, normal nor albedo is requested");
+                                     : "neither beauty, indirect, normal nor albedo is requested");
     line(plan, "density", plan->has_photons, "photons are emitted by the task buffers", no_photons);
     line(plan, "photons", plan->has_photons, "the scene has lights, casters and receivers", no_photons);
     line(plan, "splat", plan->has_photons, "photons are drawn into the view", no_photons);
@@ -48,6 +49,12 @@ void plan_make(const struct view *view, const struct features *features, uint32_
          plan->has_photons ? "this anti-aliasing takes no samples: splats are computed" : no_photons);
     line(plan, "splat sums", plan->has_sums, "splats are computed and add up in fixed point",
          plan->has_photons ? "aa=msaa and aa=msaa_sample blend all splats as quads" : no_photons);
+    line(plan, "lookup", plan->has_lookup, "caustics are looked up where the camera sees glass or mirrors",
+         !plan->has_photons ? no_photons : features->no_lookup_reason);
+    line(plan, "camera branches", plan->has_lookup && (bits & FEATURE_BRANCHES), "camera_branches is 2",
+         !plan->has_photons ? no_photons
+         : plan->has_lookup ? "camera_branches is 1"
+                            : features->no_lookup_reason);
     line(plan, "feedback", plan->has_feedback, "density follows what photons did",
          plan->has_photons ? "density=uniform does not adapt" : no_photons);
     line(plan, "variance", plan->has_variance, "variance_gain is above 0",

@@ -14,10 +14,11 @@
 const struct channel_info channel_infos[CHANNEL_COUNT] = {
     {"caustics", 3, "radiance from caustic light at directly visible receivers, W/(m^2 sr)"},
     {"irradiance", 3, "caustic irradiance at directly visible receivers, W/m^2"},
-    {"beauty", 3, "direct light, emission and caustics, W/(m^2 sr)"},
+    {"beauty", 3, "direct light, emission, caustics and indirect, W/(m^2 sr)"},
     {"depth", 1, "distance to the first hit along the view axis, m; infinity where there is none"},
     {"normal", 3, "unit shading normal of the surface the pixel shows, through glass and mirrors"},
     {"albedo", 3, "base colour of the surface the pixel shows, through glass and mirrors"},
+    {"indirect", 3, "radiance from caustic light seen through glass and mirrors, W/(m^2 sr)"},
     {"density", 1, "task buffers: photons per cell, one tile per light"},
     {"variance", 1, "task buffers: relative change of the picture, one tile per light"},
 };

@@ -46,10 +46,12 @@ enum channel {
     CHANNEL_CAUSTICS,   /* 3: radiance toward the camera from caustic light, W/(m^2 sr), at directly visible
                            receivers; 0 elsewhere */
     CHANNEL_IRRADIANCE, /* 3: caustic irradiance, W/m^2, likewise */
-    CHANNEL_BEAUTY,     /* 3: direct light, emission and caustics, W/(m^2 sr) */
+    CHANNEL_BEAUTY,     /* 3: direct light, emission, caustics and indirect, W/(m^2 sr) */
     CHANNEL_DEPTH,    /* 1: distance along the view axis to the first hit, m; +infinity where there is none */
     CHANNEL_NORMAL,   /* 3: unit shading normal of the surface the G-buffer settled on; 0 where none */
     CHANNEL_ALBEDO,   /* 3: its base colour; 0 where none */
+    CHANNEL_INDIRECT, /* 3: radiance toward the camera from caustic light seen through glass and mirrors,
+                         W/(m^2 sr); 0 where the camera sees the receiver directly */
     CHANNEL_DENSITY,  /* 1: task buffer density, one tile per light: cells*columns x cells*rows */
     CHANNEL_VARIANCE, /* 1: task buffer variance, likewise; 0 when variance_gain is 0 */
     CHANNEL_COUNT

@@ -26,6 +26,7 @@ enum splat_aa {
     SPLAT_AA_COVERAGE
 };
 enum depth_test { DEPTH_TEST_PLANE, DEPTH_TEST_MARGIN };
+enum lookup_rule { LOOKUP_AUTO, LOOKUP_OFF, LOOKUP_HASH };
 enum tile_fit { TILE_FIT_CASTERS, TILE_FIT_FULL };
 
 /* S(name, type, minimum, maximum, default, choices, help) */
@@ -63,6 +64,11 @@ enum tile_fit { TILE_FIT_CASTERS, TILE_FIT_FULL };
     S(depth_test, CHOICE, 0, 1, DEPTH_TEST_PLANE, "plane,margin",                                            \
       "where a splat may land: near its own plane, or within 1 % of the camera distance (the thesis)")       \
     S(camera_bounces, INT, 0, 32, 8, "", "specular interactions between the camera and the surface it sees") \
+    S(camera_branches, INT, 1, 2, 1, "",                                                                     \
+      "branches that are followed at the first glass the camera sees: the stronger, or both")                \
+    S(lookup, CHOICE, 0, 2, LOOKUP_AUTO, "auto,off,hash",                                                    \
+      "how caustics seen through glass and mirrors are found: the faster way, not at all, or by a hash "     \
+      "grid")                                                                                                \
     S(radiance_scaling, BOOL, 0, 1, 1, "",                                                                   \
       "radiance changes by (n_to/n_from)^2 across an interface seen by the camera")                          \
     S(jitter, BOOL, 0, 1, 0, "",                                                                             \

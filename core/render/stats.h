@@ -38,6 +38,12 @@
     S(kernel_evaluations, "count", "times a splat's kernel was evaluated at a pixel; not counted in quads")  \
     S(kernel_pixels, "count", "evaluations that fell inside the ellipse")                                    \
     S(footprints_limited, "count", "footprints shortened by max_radius or max_anisotropy")                   \
+    S(pixels_looked_up, "count", "chain points: receivers that pixels show through glass and mirrors")       \
+    S(lookup_cells, "count", "cells of the grid that hold chain points")                                     \
+    S(lookup_photons, "count", "stored photons that were offered to chain points")                           \
+    S(lookup_photons_seen, "count", "those that reached at least one chain point")                           \
+    S(lookup_evaluations, "count", "times a photon's kernel was evaluated at a chain point")                 \
+    S(lookup_inside, "count", "evaluations that fell inside the kernel")                                     \
     S(density_total, "count", "sum of the density over all cells before rounding")                           \
     S(density_largest, "count", "density of the densest cell")                                               \
     S(cells_masked, "count", "cells that can meet a caster")                                                 \
@@ -46,6 +52,7 @@
     S(guard_footprint, "count", "footprints that are not finite: drawn as points")                           \
     S(guard_traversal, "count", "rays ended by the traversal's iteration cap")                               \
     S(guard_overflow, "count", "splat contributions clamped to the accumulator's range")                     \
+    S(guard_lookup, "count", "footprints, walks and chain points limited by the lookup grid")                \
     S(guard_split, "count", "bounces where capacity turned splitting into roulette")                         \
     S(subframes, "count", "frames averaged into this one")                                                   \
     S(plan_ns, "ns", "CPU time spent on features and plan")                                                  \

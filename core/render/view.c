@@ -18,11 +18,46 @@ static uint64_t now_ns(void)
 /* ---- buffers and dispatches ---------------------------------------------------------------------------- */
 
 static const char *const buffer_names[BUFFER_COUNT] = {
-    "frame",      "lights",     "counters", "caster boxes", "caster mask",       "density",
-    "density",    "quadtree",   "partials", "feedback",     "variance",          "thinning",
-    "rays",       "rays",       "queue",    "queue",        "outcomes",          "groups",
-    "photons",    "surfaces",   "targets",  "sums",         "picture",           "reached",
-    "irradiance", "irradiance", "output",   "readback",     "counters readback",
+    "frame",
+    "lights",
+    "counters",
+    "caster boxes",
+    "caster mask",
+    "density",
+    "density",
+    "quadtree",
+    "partials",
+    "feedback",
+    "variance",
+    "thinning",
+    "rays",
+    "rays",
+    "queue",
+    "queue",
+    "outcomes",
+    "groups",
+    "photons",
+    "surfaces",
+    "targets",
+    "sums",
+    "picture",
+    "reached",
+    "irradiance",
+    "irradiance",
+    "chains",
+    "chain weights",
+    "chain places",
+    "lookup",
+    "lookup cells",
+    "lookup marks",
+    "lookup points",
+    "lookup photons",
+    "lookup sums",
+    "indirect",
+    "lookup readback",
+    "output",
+    "readback",
+    "counters readback",
 };
 
 bool view_buffer(struct view *view, enum view_buffer id, size_t size)
@@ -33,7 +68,8 @@ bool view_buffer(struct view *view, enum view_buffer id, size_t size)
     if (view->buffers[id] && gpu_buffer_size(view->buffers[id]) >= size)
         return true;
     gpu_buffer_destroy(&view->buffers[id]);
-    bool is_readback = id == BUFFER_READBACK || id == BUFFER_READBACK_COUNTERS;
+    bool is_readback =
+        id == BUFFER_READBACK || id == BUFFER_READBACK_COUNTERS || id == BUFFER_READBACK_LOOKUP;
     view->buffers[id] = gpu_buffer_create(
         view->renderer->gpu,
         &(struct gpu_buffer_params){.name = buffer_names[id],
@@ -299,8 +335,7 @@ static float normalise3(float v[3])
     return length * largest;
 }
 
-/* Unit, orthogonal axes of a camera; false when it has none. */
-static bool camera_axes(const struct view_camera *camera, float forward[3], float right[3], float up[3])
+bool view_camera_axes(const struct view_camera *camera, float forward[3], float right[3], float up[3])
 {
     float towards[3] = {camera->up[0], camera->up[1], camera->up[2]};
     for (int k = 0; k < 3; k++)
@@ -331,7 +366,7 @@ bool view_set_camera(struct view *view, const struct view_camera *camera, struct
                          (double)camera->fov);
     if (camera->eye[0] == camera->at[0] && camera->eye[1] == camera->at[1] && camera->eye[2] == camera->at[2])
         return error_set(error, STATUS_INVALID, "camera eye and at are the same point");
-    if (!camera_axes(camera, forward, right, up))
+    if (!view_camera_axes(camera, forward, right, up))
         return error_set(error, STATUS_INVALID, "camera up is zero or along the view axis");
     struct view_camera old = view->camera;
     view->camera = *camera;
@@ -429,7 +464,7 @@ static void fill_camera(struct view *view, struct frame_gpu *data, uint32_t subf
 {
     float forward[3], right[3], up[3];
     const struct view_camera *camera = &view->camera;
-    camera_axes(camera, forward, right, up);
+    view_camera_axes(camera, forward, right, up);
     float tangent = tanf(camera->fov * 0.5f * 0.0174532925f);
     float focal = 0.5f * (float)view->height / tangent; /* px per unit of tangent */
     float shift[2] = {0, 0};
@@ -553,6 +588,7 @@ static void fill_frame(struct view *view, uint32_t subframe, uint32_t subframe_c
         data->eye_medium = solids_at(&view->renderer->solids, view->renderer->scene, view->renderer->pose,
                                      view->renderer->trees, view->camera.eye);
     view->eye_pose = view->renderer->pose_version;
+    lookup_fill(view, subframe_count, data);
     data->tint = (vec4){1, 1, 1, 0};
     for (uint32_t i = 0; i < view->features.light_count; i++) {
         vec4 intensity = view->lights[i].intensity;
@@ -575,7 +611,8 @@ static bool prepare(struct view *view)
     if (ok && plan->has_photons)
         ok = view_buffer(view, BUFFER_COUNTERS, sizeof(struct counters_gpu)) &&
              view_buffer(view, BUFFER_READBACK_COUNTERS, sizeof(struct counters_gpu)) &&
-             density_prepare(view) && photons_prepare(view) && splat_prepare(view);
+             density_prepare(view) && photons_prepare(view) && splat_prepare(view) &&
+             (!plan->has_lookup || lookup_prepare(view));
     if (ok && plan->has_output)
         ok = compose_prepare(view);
     size_t readback = view->asked[BUFFER_OUTPUT];
@@ -606,6 +643,8 @@ static void record(struct view *view, struct gpu_frame *frame, bool is_last)
         density_record(view, frame);
         photons_record(view, frame);
         splat_record(view, frame);
+        if (plan->has_lookup)
+            lookup_record(view, frame);
         if (plan->has_feedback)
             feedback_record(view, frame);
         gpu_record_copy(frame, view->buffers[BUFFER_READBACK_COUNTERS], 0, view->buffers[BUFFER_COUNTERS], 0,
@@ -823,6 +862,10 @@ const struct frame_result *view_render(struct view *view, uint32_t channel_mask,
     view->failed = false;
 
     /* plan */
+    if (!renderer_set_time(renderer, view->time, error))
+        return NULL;
+    if (view->follow_camera != SCENE_NONE)
+        camera_of_scene(renderer, view->follow_camera, &view->camera);
     view->channel_mask = channel_mask;
     features_find(view, channel_mask, &view->features);
     plan_make(view, &view->features, channel_mask, &view->plan);
@@ -843,10 +886,6 @@ const struct frame_result *view_render(struct view *view, uint32_t channel_mask,
     uint64_t uploading = 0;
     uint32_t subframes = works ? (uint32_t)view->settings.accumulate : 1;
     result->stats[STAT_subframes] = subframes;
-    if (!renderer_set_time(renderer, view->time, error))
-        return NULL;
-    if (view->follow_camera != SCENE_NONE)
-        camera_of_scene(renderer, view->follow_camera, &view->camera);
     result->camera = view->camera;
     to_origin(view, result->camera.eye, 1);
     to_origin(view, result->camera.at, 1);
@@ -875,6 +914,8 @@ const struct frame_result *view_render(struct view *view, uint32_t channel_mask,
         if (view->plan.has_photons) {
             add_counters(view, 1.0 / subframes);
             result->stats[STAT_aa_samples] = splat_samples(view);
+            if (view->plan.has_lookup)
+                lookup_add_counters(view);
             view->has_density = true;
             view->has_feedback = view->plan.has_feedback;
             view->has_previous = view->plan.has_variance;

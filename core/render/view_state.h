@@ -12,6 +12,7 @@
 #include "../scene/bvh.h"
 #include "../scene/extent.h"
 #include "../scene/solids.h"
+#include "../../shaders/shared/lookup_layout.h"
 #include "../../shaders/shared/render_layout.h"
 
 /* ---- renderer ------------------------------------------------------------------------------------------ */
@@ -95,6 +96,17 @@ enum view_buffer {
     BUFFER_REACHED,    /* photons whose quad reached a pixel */
     BUFFER_IRRADIANCE, /* even and odd frames */
     BUFFER_IRRADIANCE_OTHER,
+    BUFFER_CHAINS,
+    BUFFER_CHAIN_WEIGHTS,
+    BUFFER_CHAIN_PLACES,
+    BUFFER_LOOKUP,
+    BUFFER_LOOKUP_CELLS,
+    BUFFER_LOOKUP_MARKS,
+    BUFFER_LOOKUP_POINTS,
+    BUFFER_LOOKUP_PHOTONS,
+    BUFFER_LOOKUP_SUMS,
+    BUFFER_INDIRECT,
+    BUFFER_READBACK_LOOKUP,
     BUFFER_OUTPUT,
     BUFFER_READBACK,
     BUFFER_READBACK_COUNTERS,
@@ -108,13 +120,15 @@ struct features {
     uint32_t light_count, caster_count, receiver_count;
     uint32_t lit_count;  /* lights that are not black */
     bool needs_caustics; /* some channel or statistic depends on photons */
+    const char
+        *no_lookup_reason; /* why caustics are not looked up through glass and mirrors; NULL: they are */
     const char *black_reason;
 };
 
 struct plan {
     struct plan_line lines[VIEW_MAX_PLAN_LINES];
     uint32_t line_count;
-    bool has_gbuffer, has_photons, has_feedback, has_variance, has_output;
+    bool has_gbuffer, has_photons, has_feedback, has_variance, has_lookup, has_output;
     bool has_sums;  /* splats add to fixed-point sums in compute */
     bool has_quads; /* splats are rasterised */
 };
@@ -212,6 +226,9 @@ static inline uint32_t groups_of(uint32_t count)
     return (count + GROUP_SIZE - 1) / GROUP_SIZE;
 }
 
+/* Unit, orthogonal axes of a camera; false when it has none. */
+bool view_camera_axes(const struct view_camera *camera, float forward[3], float right[3], float up[3]);
+
 /* ---- steps of a frame, in order ------------------------------------------------------------------------ */
 
 void features_find(const struct view *view, uint32_t channel_mask, struct features *features);
@@ -233,6 +250,14 @@ bool splat_check_aa(const struct renderer *renderer, int32_t aa, struct error *e
 bool splat_prepare(struct view *view);
 uint32_t splat_samples(const struct view *view); /* per pixel, of the current plan */
 void splat_record(struct view *view, struct gpu_frame *frame);
+bool lookup_prepare(struct view *view);
+void lookup_record(struct view *view, struct gpu_frame *frame);
+void lookup_add_counters(struct view *view);
+/* Why no caustic can be seen through glass or mirrors by this camera at the current pose; NULL: one may be.
+ */
+const char *lookup_reason_against(const struct view *view, uint32_t channel_mask, uint32_t caster_count);
+/* Grid and filter of this frame, after its camera. */
+void lookup_fill(const struct view *view, uint32_t subframe_count, struct frame_gpu *data);
 void feedback_record(struct view *view, struct gpu_frame *frame);
 bool compose_prepare(struct view *view);
 void compose_record(struct view *view, struct gpu_frame *frame);

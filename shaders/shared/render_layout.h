@@ -30,6 +30,8 @@
 #define FEATURE_BEAUTY        (1u << 12) /* somebody asked for direct light */
 #define FEATURE_TEXTURED_FLUX (1u << 13) /* photons carry the albedo they meet: aa=pixel */
 #define FEATURE_CHAINS        (1u << 14) /* somebody looks through glass and mirrors */
+#define FEATURE_LOOKUP        (1u << 24) /* and wants to see caustics there */
+#define FEATURE_BRANCHES      (1u << 25) /* and both branches of the first glass */
 #define FEATURE_NESTED        (1u << 30) /* solids overlap: rays keep a list of those they are in */
 #define FEATURE_CONTACT       (1u << 31) /* surfaces of solids lie in other surfaces */
 #define CONSTANT_FEATURES     0
@@ -133,8 +135,12 @@ struct frame_gpu {
     uint eye_medium;      /* list of the solids the eye is in (media.glsl) */
     float msaa_threshold; /* px^2: with msaa_small, ellipses below it are multisampled */
     float offset_scale;   /* struct scene_extent: how near to coordinate planes rays are kept off surfaces */
+    float lookup_base;    /* cells of the lookup grid's level 0, m, a power of two */
+    float lookup_filter;  /* support radius of the pixel filter at chain points, px */
+    uint lookup_slots;    /* of the grid, a power of two */
+    uint camera_branches; /* chain points per pixel */
 };
-SHARED_SIZE(frame_gpu, 352);
+SHARED_SIZE(frame_gpu, 368);
 
 #define FLAG_JITTER           (1u << 0)
 #define FLAG_CASTER_MASK      (1u << 1)

@@ -100,8 +100,9 @@ bool gpu_frame_wait(struct gpu_frame *frame, struct error *error)
 /* ---- renderer.h --------------------------------------------------------------------------------------- */
 
 const struct channel_info channel_infos[CHANNEL_COUNT] = {
-    {"caustics", 3, "fake"}, {"irradiance", 3, "fake"}, {"beauty", 3, "fake"},  {"depth", 1, "fake"},
-    {"normal", 3, "fake"},   {"albedo", 3, "fake"},     {"density", 1, "fake"}, {"variance", 1, "fake"}};
+    {"caustics", 3, "fake"}, {"irradiance", 3, "fake"}, {"beauty", 3, "fake"},
+    {"depth", 1, "fake"},    {"normal", 3, "fake"},     {"albedo", 3, "fake"},
+    {"indirect", 3, "fake"}, {"density", 1, "fake"},    {"variance", 1, "fake"}};
 
 struct renderer *renderer_create(const struct renderer_params *params, struct error *error)
 {

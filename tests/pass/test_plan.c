@@ -59,9 +59,9 @@ static bool is_black(const float *values, size_t count)
 /* Which passes a line stands for. */
 static const struct {
     const char *line, *pass;
-} passes_of[] = {{"gbuffer", "gbuffer"}, {"density", "density"},   {"photons", "emit"},
-                 {"photons", "trace"},   {"photons", "compact"},   {"splat", "splat"},
-                 {"splat", "resolve"},   {"feedback", "feedback"}, {"output", "compose"}};
+} passes_of[] = {{"gbuffer", "gbuffer"},   {"density", "density"}, {"photons", "emit"},  {"photons", "trace"},
+                 {"photons", "compact"},   {"splat", "splat"},     {"splat", "resolve"}, {"lookup", "lookup"},
+                 {"feedback", "feedback"}, {"output", "compose"}};
 
 static void check_passes(const struct frame_result *result)
 {
@@ -355,12 +355,55 @@ static void requested_channels_decide(void **state)
     truth_close(&stage);
 }
 
+/* What looks caustics up exists only where the picture needs it: channel, setting, casters in view. */
+static void lookup_needs_glass_in_view(void **state)
+{
+    (void)state;
+    const uint32_t indirect = 1u << CHANNEL_INDIRECT;
+    struct truth stage;
+    struct error error;
+    stage_open(&stage, "cube", WIDTH, HEIGHT, SMALL);
+    double caustics = bytes_of(&stage, NULL, CAUSTICS),
+           off = bytes_of(&stage, "lookup=off", CAUSTICS | indirect);
+    const struct frame_result *result = truth_render(&stage, 1, CAUSTICS | indirect);
+    expect_line(result, "lookup", false, "lookup is off");
+    assert_true(is_black(truth_channel(result, CHANNEL_INDIRECT), (size_t)3 * PIXELS));
+    assert_close(off - caustics, 12.0 * 2 * PIXELS, 0); /* the channel, on the device and read back */
+    double on = bytes_of(&stage, "lookup=auto", CAUSTICS | indirect),
+           both = bytes_of(&stage, "camera_branches=2", CAUSTICS | indirect);
+    result = truth_render(&stage, 1, CAUSTICS | indirect);
+    expect_line(result, "lookup", true, "glass or mirrors");
+    expect_line(result, "camera branches", true, "camera_branches is 2");
+    assert_false(is_black(truth_channel(result, CHANNEL_INDIRECT), (size_t)3 * PIXELS));
+    double points = result->stats[STAT_pixels_looked_up];
+    assert_true(points > 0 && points < PIXELS);
+    print_message("lookup: %.0f bytes, both branches %.0f\n", on - off, both - on);
+    assert_true(on > off && both > on);
+    result = truth_render(&stage, 1, CAUSTICS);
+    expect_line(result, "lookup", false, "neither beauty nor indirect");
+    assert_false(has_pass(result, "lookup"));
+    truth_set(&stage, "camera_branches=1 camera_bounces=0");
+    expect_line(truth_render(&stage, 1, BEAUTY), "lookup", false, "camera_bounces is 0");
+    truth_set(&stage, "camera_bounces=8");
+    struct view_camera away = {.eye = {-1.3f, 1.9f, 3}, .at = {-2.6f, 1.5f, 6}, .up = {0, 1, 0}, .fov = 34};
+    assert_true(view_set_camera(stage.view, &away, &error));
+    result = truth_render(&stage, 1, BEAUTY);
+    expect_line(result, "lookup", false, "in view");
+    assert_close(result->stats[STAT_pixels_looked_up], 0, 0);
+    /* nothing else shows photons then */
+    result = truth_render(&stage, 1, indirect);
+    expect_line(result, "photons", false, "no requested channel");
+    assert_true(is_black(truth_channel(result, CHANNEL_INDIRECT), (size_t)3 * PIXELS));
+    truth_close(&stage);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(lines_say_what_ran),          cmocka_unit_test(black_frames_cost_nothing),
         cmocka_unit_test(what_is_off_takes_no_memory), cmocka_unit_test(white_light_is_one_channel),
         cmocka_unit_test(requested_channels_decide),   cmocka_unit_test(only_the_chosen_anti_aliasing_exists),
+        cmocka_unit_test(lookup_needs_glass_in_view),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -1,0 +1,182 @@
+/* lookup.c: caustics seen through glass and mirrors (shaders/lookup*.comp). Source: design 8. */
+#include <math.h>
+#include <stddef.h>
+#include <string.h>
+
+#include "view_state.h"
+
+/* ---- whether it is needed ------------------------------------------------------------------------------ */
+
+/* Whether a box about `middle` relative to the eye, with these half sizes, is wholly beyond the plane through
+ * the eye with this normal. */
+static bool is_beyond(const float normal[3], const float middle[3], const float half[3])
+{
+    float distance = 0, reach = 0;
+    for (int k = 0; k < 3; k++) {
+        distance += normal[k] * middle[k];
+        reach += fabsf(normal[k]) * half[k];
+    }
+    return distance > reach * 1.0001f;
+}
+
+static bool any_caster_in_view(const struct view *view)
+{
+    const struct renderer *renderer = view->renderer;
+    float forward[3], right[3], up[3], planes[5][3];
+    if (!view_camera_axes(&view->camera, forward, right, up))
+        return true;
+    float tangent_y = tanf(view->camera.fov * 0.5f * 0.0174532925f);
+    float tangent_x = tangent_y * (float)view->width / (float)view->height;
+    for (int k = 0; k < 3; k++) {
+        planes[0][k] = right[k] - tangent_x * forward[k];
+        planes[1][k] = -right[k] - tangent_x * forward[k];
+        planes[2][k] = up[k] - tangent_y * forward[k];
+        planes[3][k] = -up[k] - tangent_y * forward[k];
+        planes[4][k] = -forward[k];
+    }
+    for (uint32_t i = 0; i < renderer->caster_box_count; i++) {
+        const float *low = &renderer->caster_boxes[i].minimum.x, *high = &renderer->caster_boxes[i].maximum.x;
+        float middle[3], half[3];
+        for (int k = 0; k < 3; k++) {
+            middle[k] = 0.5f * (low[k] + high[k]) - view->camera.eye[k];
+            half[k] = 0.5f * (high[k] - low[k]) + 1e-5f * fabsf(view->camera.eye[k]);
+        }
+        bool is_out = false;
+        for (int p = 0; p < 5 && !is_out; p++)
+            is_out = is_beyond(planes[p], middle, half);
+        if (!is_out)
+            return true;
+    }
+    return false;
+}
+
+const char *lookup_reason_against(const struct view *view, uint32_t channel_mask, uint32_t caster_count)
+{
+    return !(channel_mask & ((1u << CHANNEL_INDIRECT) | (1u << CHANNEL_BEAUTY)))
+               ? "neither beauty nor indirect is requested"
+           : view->settings.lookup == LOOKUP_OFF ? "lookup is off"
+           : caster_count == 0                   ? "nothing refracts or mirrors"
+           : view->settings.camera_bounces == 0  ? "camera_bounces is 0"
+           : !any_caster_in_view(view)           ? "nothing that refracts or mirrors is in view"
+                                                 : NULL;
+}
+
+/* ---- a frame ------------------------------------------------------------------------------------------- */
+
+static size_t point_count(const struct view *view)
+{
+    return (size_t)view->width * view->height * (view->features.bits & FEATURE_BRANCHES ? 2 : 1);
+}
+
+/* A cell mostly holds several points: as many slots as points leave more than half of them free. */
+static uint32_t slot_count(const struct view *view)
+{
+    uint32_t slots = 1024;
+    while (slots < point_count(view) && slots < 1u << 21)
+        slots *= 2;
+    return slots;
+}
+
+void lookup_fill(const struct view *view, uint32_t subframe_count, struct frame_gpu *data)
+{
+    /* Level 0 is 2^12 times finer than a pixel at the far end of the scene. */
+    const struct renderer *renderer = view->renderer;
+    float distance2 = 0;
+    for (int k = 0; k < 3; k++) {
+        float low = renderer->scene_min[k] - view->camera.eye[k],
+              high = renderer->scene_max[k] - view->camera.eye[k];
+        distance2 += fmaxf(low * low, high * high);
+    }
+    float pixel = sqrtf(distance2 * data->forward.w);
+    int exponent = 0;
+    if (isfinite(pixel) && pixel > 0)
+        frexpf(pixel, &exponent);
+    data->lookup_base = ldexpf(1, exponent - 12);
+    /* Camera rays that move within their pixels filter by themselves. */
+    data->lookup_filter = view->settings.filter_radius * (subframe_count > 1 ? 0.25f : 1);
+    data->lookup_slots = slot_count(view);
+    data->camera_branches = view->features.bits & FEATURE_BRANCHES ? 2 : 1;
+}
+
+bool lookup_prepare(struct view *view)
+{
+    size_t pixels = (size_t)view->width * view->height, points = point_count(view);
+    size_t channels = view->features.bits & FEATURE_CHROMATIC ? 3 : 1;
+    size_t photons = view->asked[BUFFER_PHOTONS] / sizeof(struct photon);
+    return view_buffer(view, BUFFER_CHAINS, points * sizeof(struct chain_point)) &&
+           view_buffer(view, BUFFER_CHAIN_WEIGHTS, points * sizeof(vec4)) &&
+           view_buffer(view, BUFFER_CHAIN_PLACES, points * 2 * sizeof(uint32_t)) &&
+           view_buffer(view, BUFFER_LOOKUP, sizeof(struct lookup_gpu)) &&
+           view_buffer(view, BUFFER_READBACK_LOOKUP, sizeof(struct lookup_gpu)) &&
+           view_buffer(view, BUFFER_LOOKUP_CELLS, slot_count(view) * sizeof(struct lookup_cell)) &&
+           view_buffer(view, BUFFER_LOOKUP_MARKS, LOOKUP_MARK_WORDS * sizeof(uint32_t)) &&
+           view_buffer(view, BUFFER_LOOKUP_POINTS, points * sizeof(struct chain_point)) &&
+           view_buffer(view, BUFFER_LOOKUP_PHOTONS, photons * sizeof(struct lookup_photon)) &&
+           view_buffer(view, BUFFER_LOOKUP_SUMS, points * channels * 2 * sizeof(uint32_t)) &&
+           view_buffer(view, BUFFER_INDIRECT, pixels * sizeof(vec4));
+}
+
+static void record_grid(struct view *view, struct gpu_frame *frame)
+{
+    const uint32_t groups[3] = {groups_of((uint32_t)point_count(view)), groups_of(slot_count(view)),
+                                groups_of((uint32_t)point_count(view))};
+    for (uint32_t phase = 0; phase < 3; phase++)
+        view_dispatch(view, frame,
+                      &(struct view_dispatch){.shader = "lookup_grid.comp",
+                                              .phase = phase,
+                                              .groups = {groups[phase], 1},
+                                              USES({BINDING_PASS, GPU_READ_WRITE, BUFFER_LOOKUP},
+                                                   {BINDING_PASS + 1, GPU_READ, BUFFER_CHAINS},
+                                                   {BINDING_PASS + 2, GPU_READ_WRITE, BUFFER_LOOKUP_CELLS},
+                                                   {BINDING_PASS + 3, GPU_READ_WRITE, BUFFER_LOOKUP_MARKS},
+                                                   {BINDING_PASS + 4, GPU_READ_WRITE, BUFFER_CHAIN_PLACES},
+                                                   {BINDING_PASS + 5, GPU_WRITE, BUFFER_LOOKUP_POINTS})});
+}
+
+void lookup_record(struct view *view, struct gpu_frame *frame)
+{
+    const enum view_buffer zeroed[] = {BUFFER_LOOKUP, BUFFER_LOOKUP_CELLS, BUFFER_LOOKUP_MARKS,
+                                       BUFFER_LOOKUP_SUMS};
+    gpu_pass_begin(frame, "lookup");
+    for (size_t i = 0; i < sizeof zeroed / sizeof *zeroed; i++)
+        gpu_record_fill(frame, view->buffers[zeroed[i]], 0, view->asked[zeroed[i]], 0);
+    record_grid(view, frame);
+    view_dispatch(view, frame,
+                  &(struct view_dispatch){.shader = "lookup.comp",
+                                          .indirect = BUFFER_COUNTERS,
+                                          .indirect_offset = offsetof(struct counters_gpu, photon_groups),
+                                          USES({BINDING_PASS, GPU_READ_WRITE, BUFFER_COUNTERS},
+                                               {BINDING_PASS + 1, GPU_READ_WRITE, BUFFER_LOOKUP},
+                                               {BINDING_PASS + 2, GPU_READ, BUFFER_LOOKUP_PHOTONS},
+                                               {BINDING_PASS + 3, GPU_READ, BUFFER_LOOKUP_CELLS},
+                                               {BINDING_PASS + 4, GPU_READ, BUFFER_LOOKUP_MARKS},
+                                               {BINDING_PASS + 5, GPU_READ, BUFFER_LOOKUP_POINTS},
+                                               {BINDING_PASS + 6, GPU_READ_WRITE, BUFFER_LOOKUP_SUMS},
+                                               {BINDING_PASS + 7, GPU_READ_WRITE, BUFFER_PHOTONS})});
+    view_dispatch(view, frame,
+                  &(struct view_dispatch){.shader = "lookup_resolve.comp",
+                                          .groups = {groups_of(view->width * view->height), 1},
+                                          USES({BINDING_PASS, GPU_READ, BUFFER_CHAIN_PLACES},
+                                               {BINDING_PASS + 1, GPU_READ, BUFFER_LOOKUP_SUMS},
+                                               {BINDING_PASS + 2, GPU_READ, BUFFER_CHAIN_WEIGHTS},
+                                               {BINDING_PASS + 3, GPU_WRITE, BUFFER_INDIRECT})});
+    gpu_record_copy(frame, view->buffers[BUFFER_READBACK_LOOKUP], 0, view->buffers[BUFFER_LOOKUP], 0,
+                    sizeof(struct lookup_gpu));
+    gpu_pass_end(frame);
+}
+
+void lookup_add_counters(struct view *view)
+{
+    static const struct {
+        enum stat_id stat;
+        int count;
+    } counts[] = {
+        {STAT_pixels_looked_up, LOOKUP_COUNT_POINTS},   {STAT_lookup_cells, LOOKUP_COUNT_CELLS},
+        {STAT_lookup_photons, LOOKUP_COUNT_PHOTONS},    {STAT_lookup_photons_seen, LOOKUP_COUNT_SEEN},
+        {STAT_lookup_evaluations, LOOKUP_COUNT_KERNEL}, {STAT_lookup_inside, LOOKUP_COUNT_INSIDE},
+        {STAT_guard_overflow, LOOKUP_COUNT_OVERFLOW},   {STAT_guard_lookup, LOOKUP_COUNT_GUARD},
+    };
+    const struct lookup_gpu *lookup = gpu_buffer_map(view->buffers[BUFFER_READBACK_LOOKUP]);
+    for (size_t i = 0; i < sizeof counts / sizeof *counts; i++)
+        view->result.stats[counts[i].stat] += lookup->count[counts[i].count];
+}

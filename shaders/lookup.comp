@@ -1,0 +1,195 @@
+#version 460
+#extension GL_GOOGLE_include_directive : require
+// lookup.comp: one thread per photon: walks the cells of the grid that its footprint covers, gives light to the chain
+// points there and counts how much of the picture shows it.
+//
+// Reads   photons to look up, grid of chain points
+// Writes  irradiance sums of chain points in units of frame.irradiance_unit; area and root of photons that are seen so
+// Source  design 5 (feedback), 8; aaps-thesis 5.2
+#include "frame.glsl"
+#include "optics.glsl"
+#include "photons.glsl"
+#include "lookup.glsl"
+layout(local_size_x = GROUP_SIZE) in;
+layout(std430, binding = BINDING_PASS + 1) buffer lookup_buffer { lookup_gpu lookup; };
+layout(std430, binding = BINDING_PASS + 2) readonly buffer seen_buffer { lookup_photon seen[]; };
+layout(std430, binding = BINDING_PASS + 3) readonly buffer cell_buffer { lookup_cell cells[]; };
+layout(std430, binding = BINDING_PASS + 4) readonly buffer mark_buffer { uint marks[]; };
+layout(std430, binding = BINDING_PASS + 5) readonly buffer sorted_buffer { chain_point sorted[]; };
+layout(std430, binding = BINDING_PASS + 6) buffer sum_buffer { uint sums[]; };
+layout(std430, binding = BINDING_PASS + 7) buffer photon_buffer { photon photons[]; };
+#include "lookup_give.glsl"
+
+// May there be points of this level in the box? Asks for the at most eight blocks of the smallest fitting size.
+bool is_marked(vec3 low, vec3 high, uint level)
+{
+    float size = level_size(level);
+    ivec3 first = cell_of(low, size), last = cell_of(high, size);
+    uint scale = 1u;
+    while (scale <= LOOKUP_BLOCK_MAX && any(greaterThan((last >> scale) - (first >> scale), ivec3(1))))
+        scale += 2u;
+    if (scale > LOOKUP_BLOCK_MAX)
+        return true;
+    first >>= scale;
+    last >>= scale;
+    ivec3 block = first;
+    for (;;) {
+        uint mark = block_mark(block, scale, level);
+        if ((marks[mark >> 5] & (1u << (mark & 31u))) != 0u)
+            return true;
+        if (++block.x > last.x) {
+            block.x = first.x;
+            if (++block.y > last.y) {
+                block.y = first.y;
+                if (++block.z > last.z)
+                    return false;
+            }
+        }
+    }
+}
+
+uint find_cell(ivec3 cell, uint level)
+{
+    uint slot = cell_hash(cell, level);
+    for (uint k = 0u; k < LOOKUP_PROBES; k++, slot++) {
+        slot &= frame.lookup_slots - 1u;
+        if (cells[slot].count == 0u)
+            return NONE;
+        if (int(cells[slot].x) == cell.x && int(cells[slot].y) == cell.y && int(cells[slot].z) == cell.z &&
+            cells[slot].level == level)
+            return slot;
+    }
+    return NONE;
+}
+
+// Cells found and not yet visited. Global: arrays that are handed to functions are copied (docs/drivers.md).
+const uint HELD_MAX = 16u;
+uvec2 held_cells[HELD_MAX];
+
+void walk()
+{
+    vec3 n = giver.normal;
+    vec3 across = abs(n); // cells are walked in the plane of the two axes that the normal is least along
+    uint k = across.x > across.y ? (across.x > across.z ? 0u : 2u) : (across.y > across.z ? 1u : 2u);
+    uint i = (k + 1u) % 3u, j = (k + 2u) % 3u;
+    vec4 c = giver.covariance;
+    float dii = c.x * giver.t1[i] * giver.t1[i] + 2.0 * c.y * giver.t1[i] * giver.t2[i] + c.z * giver.t2[i] * giver.t2[i];
+    float djj = c.x * giver.t1[j] * giver.t1[j] + 2.0 * c.y * giver.t1[j] * giver.t2[j] + c.z * giver.t2[j] * giver.t2[j];
+    float dkk = c.x * giver.t1[k] * giver.t1[k] + 2.0 * c.y * giver.t1[k] * giver.t2[k] + c.z * giver.t2[k] * giver.t2[k];
+    float dij = c.x * giver.t1[i] * giver.t1[j] + c.y * (giver.t1[i] * giver.t2[j] + giver.t2[i] * giver.t1[j]) +
+                c.z * giver.t2[i] * giver.t2[j];
+    float slope_i = -n[i] / n[k], slope_j = -n[j] / n[k];
+
+    // Levels with points nearby.
+    uint levels = lookup.levels, wanted = 0u;
+    vec3 along;
+    along[i] = dii;
+    along[j] = djj;
+    along[k] = dkk;
+    while (levels != 0u) {
+        uint level = uint(findLSB(levels));
+        levels &= levels - 1u;
+        float reach = level_size(level) * (1.0 / LOOKUP_CELL_REACH);
+        vec3 extent = sqrt(along + reach * reach) + (c.w + 0.25 * reach) * across;
+        if (is_marked(giver.position - extent, giver.position + extent, level))
+            wanted |= 1u << level;
+    }
+
+    if (wanted == 0u)
+        return;
+    float finest = level_size(uint(findLSB(wanted)));
+    float most = float(LOOKUP_WALK_MAX) * finest * finest, box = 4.0 * sqrt(dii * djj);
+    if (box > most) {
+        float shrink = most / box;
+        giver.covariance.xyz *= shrink;
+        dii *= shrink;
+        dij *= shrink;
+        djj *= shrink;
+        gave.guard++;
+    }
+
+    // In turns: collect cells that hold points, then meet the points of all of them, each as one flat loop: lanes with
+    // short walks don't wait at every cell for those with long ones.
+    uint level = 0u, rounds = 0u;
+    float size = 1.0, xx = 1.0, xy = 0.0, yy = 1.0, root = 0.0, slack = 0.0, off = 0.0;
+    ivec3 cell = ivec3(0);
+    int row_end = -1, column_end = -1, depth_end = -1;
+    bool walks = true;
+    while (walks) {
+        uint held = 0u;
+        while (walks && held < HELD_MAX) {
+            if (++cell[k] > depth_end) {
+                if (++cell[i] > column_end) {
+                    if (++cell[j] > row_end) {
+                        if (wanted == 0u) {
+                            walks = false;
+                            break;
+                        }
+                        level = uint(findLSB(wanted));
+                        wanted &= wanted - 1u;
+                        size = level_size(level);
+                        float reach = size * (1.0 / LOOKUP_CELL_REACH);
+                        xx = dii + reach * reach;
+                        xy = dij;
+                        yy = djj + reach * reach;
+                        off = c.w + 0.25 * reach;
+                        slack = off / across[k];
+                        root = sqrt(max(xx - xy * xy / yy, 0.0)); // half width of the row through the middle
+                        float reach_j = sqrt(yy);
+                        cell[j] = int(floor((giver.position[j] - reach_j - off * across[j]) / size));
+                        row_end = int(floor((giver.position[j] + reach_j + off * across[j]) / size));
+                    }
+                    // The ellipse's span over the row's height: its leftmost and rightmost points, or where it is cut.
+                    // A point off the plane is seen beside its place there.
+                    float low = float(cell[j]) * size - giver.position[j] - off * across[j];
+                    float high = low + size + 2.0 * off * across[j];
+                    float reach_j = sqrt(yy), turn = xy * inversesqrt(xx);
+                    float y_right = clamp(turn, clamp(low, -reach_j, reach_j), clamp(high, -reach_j, reach_j));
+                    float y_left = clamp(-turn, clamp(low, -reach_j, reach_j), clamp(high, -reach_j, reach_j));
+                    float right = xy / yy * y_right + root * sqrt(max(1.0 - y_right * y_right / yy, 0.0));
+                    float left = xy / yy * y_left - root * sqrt(max(1.0 - y_left * y_left / yy, 0.0));
+                    cell[i] = int(floor((giver.position[i] + left - off * across[i]) / size - 1e-3));
+                    column_end = int(floor((giver.position[i] + right + off * across[i]) / size + 1e-3));
+                }
+                // The plane's depth over the cell.
+                float at_i = (float(cell[i]) + 0.5) * size - giver.position[i];
+                float at_j = (float(cell[j]) + 0.5) * size - giver.position[j];
+                float middle = giver.position[k] + slope_i * at_i + slope_j * at_j;
+                float spread = 0.5 * size * (abs(slope_i) + abs(slope_j)) + slack;
+                cell[k] = int(floor((middle - spread) / size));
+                depth_end = int(floor((middle + spread) / size));
+            }
+            uint slot = find_cell(cell, level);
+            if (slot != NONE)
+                held_cells[held++] = uvec2(cells[slot].first, cells[slot].count);
+            rounds++;
+        }
+        uint at = 0u, point = 0u, point_end = 0u;
+        for (;;) {
+            if (point == point_end) {
+                if (at == held)
+                    break;
+                point = held_cells[at].x;
+                point_end = point + held_cells[at].y;
+                at++;
+            }
+            give(sorted[point], point);
+            point++;
+            rounds++;
+        }
+        if (rounds > LOOKUP_ROUNDS_MAX && walks) {
+            walks = false;
+            gave.guard++;
+        }
+    }
+}
+
+void main()
+{
+    uint index = gl_GlobalInvocationID.x;
+    bool is_looked_up = index < counters.photon_count && seen[index].cell != NONE;
+    give_begin(is_looked_up, index);
+    if (is_looked_up)
+        walk();
+    give_end(is_looked_up, index);
+}

@@ -1,0 +1,115 @@
+#version 460
+#extension GL_GOOGLE_include_directive : require
+// lookup_grid.comp: sorts the frame's chain points into a hash grid of several levels.
+// PHASE 0: every point finds or claims its cell and its rank there; PHASE 1: cells get their part of the sorted list;
+// PHASE 2: points go to their places. Which slot, rank and part they get depends on who came first; what is summed over
+// them does not: those sums are integers.
+//
+// Reads   chain points
+// Writes  cells, marks of blocks that hold points, places (slot and rank, then place in the list), sorted points
+// Source  design 8
+#include "frame.glsl"
+#include "lookup.glsl"
+layout(local_size_x = GROUP_SIZE) in;
+layout(constant_id = 8) const uint PHASE = 0u;
+layout(std430, binding = BINDING_PASS) buffer lookup_buffer { lookup_gpu lookup; };
+layout(std430, binding = BINDING_PASS + 1) readonly buffer chain_buffer { chain_point chains[]; };
+layout(std430, binding = BINDING_PASS + 2) buffer cell_buffer { lookup_cell cells[]; };
+layout(std430, binding = BINDING_PASS + 3) buffer mark_buffer { uint marks[]; };
+layout(std430, binding = BINDING_PASS + 4) buffer place_buffer { uvec2 places[]; };
+layout(std430, binding = BINDING_PASS + 5) writeonly buffer sorted_buffer { chain_point sorted[]; };
+
+shared uint group_part[GROUP_SIZE];
+
+// Finds the slot of the point's cell at this level, claiming a free one; NONE when LOOKUP_PROBES slots are others'.
+uint claim(uint number, vec3 position, uint level)
+{
+    float size = level_size(level);
+    ivec3 cell = cell_of(position, size);
+    uint slot = cell_hash(cell, level);
+    uint mine = (level << 27) | (number + 1u);
+    for (uint k = 0u; k < LOOKUP_PROBES; k++, slot++) {
+        slot &= frame.lookup_slots - 1u;
+        uint owner = atomicCompSwap(cells[slot].owner, 0u, mine);
+        if (owner == 0u) {
+            cells[slot].x = uint(cell.x);
+            cells[slot].y = uint(cell.y);
+            cells[slot].z = uint(cell.z);
+            cells[slot].level = level;
+            return slot;
+        }
+        if (owner >> 27 == level &&
+            cell_of(chains[(owner & 0x7ffffffu) - 1u].position_normal.xyz, size) == cell)
+            return slot;
+    }
+    return NONE;
+}
+
+void insert(uint number)
+{
+    chain_point point = chains[number];
+    uvec2 place = uvec2(NONE, 0u);
+    if (chain_exists(point)) {
+        atomicAdd(lookup.count[LOOKUP_COUNT_POINTS], 1u);
+        uint level = level_of(axes_reach(point.axes));
+        place.x = claim(number, point.position_normal.xyz, level);
+        // a crowded table: coarser cells hold more points each
+        for (uint k = 0u; k < 8u && place.x == NONE && level + 1u < LOOKUP_LEVELS; k++)
+            place.x = claim(number, point.position_normal.xyz, ++level);
+        if (place.x != NONE) {
+            place.y = atomicAdd(cells[place.x].count, 1u);
+            if (place.y == 0u) {
+                atomicAdd(lookup.count[LOOKUP_COUNT_CELLS], 1u);
+                atomicOr(lookup.levels, 1u << level);
+            }
+            ivec3 cell = cell_of(point.position_normal.xyz, level_size(level));
+            for (uint scale = 1u; scale <= LOOKUP_BLOCK_MAX; scale += 2u) {
+                uint mark = block_mark(cell >> scale, scale, level);
+                atomicOr(marks[mark >> 5], 1u << (mark & 31u));
+            }
+        } else
+            atomicAdd(lookup.count[LOOKUP_COUNT_GUARD], 1u);
+    }
+    places[number] = place;
+}
+
+// One addition to the list's length per workgroup.
+void hand_out(uint slot)
+{
+    uint i = gl_LocalInvocationIndex;
+    uint count = slot < frame.lookup_slots ? cells[slot].count : 0u;
+    group_part[i] = count;
+    barrier();
+    uint before = 0u, all = 0u;
+    for (uint k = 0u; k < GROUP_SIZE; k++) {
+        before += k < i ? group_part[k] : 0u;
+        all += group_part[k];
+    }
+    barrier();
+    if (i == 0u)
+        group_part[0] = all > 0u ? atomicAdd(lookup.first, all) : 0u;
+    barrier();
+    if (count > 0u)
+        cells[slot].first = group_part[0] + before;
+}
+
+void main()
+{
+    uint index = gl_GlobalInvocationID.x;
+    if (PHASE == 1u) {
+        hand_out(index);
+        return;
+    }
+    if (index >= frame.width * frame.height * frame.camera_branches)
+        return;
+    if (PHASE == 0u) {
+        insert(index);
+        return;
+    }
+    uvec2 place = places[index];
+    if (place.x == NONE)
+        return;
+    uint at = cells[place.x].first + place.y;
+    sorted[at] = chains[index];
+    places[index] = uvec2(at, 0u);
+}

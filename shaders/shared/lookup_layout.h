@@ -1,0 +1,76 @@
+/* lookup_layout.h: what the lookup passes hand to each other: caustics seen through glass and mirrors.
+ *
+ * A chain point is the receiver that a pixel shows through glass or mirrors, with the pixel's own size there.
+ * The grid holds chain points; every photon visits those within its footprint. Lengths in metres, positions
+ * relative to the eye.
+ */
+#ifndef LOOKUP_LAYOUT_H
+#define LOOKUP_LAYOUT_H
+#include "shared.h"
+
+/* A cell is at least this many times as wide as the pixel filter of its points reaches, and less than twice
+ * as wide. */
+#define LOOKUP_CELL_REACH 1.5f
+
+/* Levels of the grid: cells of frame.lookup_base * 2^level. */
+#define LOOKUP_LEVELS 32
+
+/* Slots looked at before a point settles for a coarser cell. */
+#define LOOKUP_PROBES 16
+
+/* Blocks of 2^1, 2^3, ... cells a side have a bit each that says whether they may hold points. */
+#define LOOKUP_BLOCK_MAX  7
+#define LOOKUP_MARK_WORDS 16384 /* a power of two */
+
+/* Cells of a level that one photon may walk over; a larger footprint is made smaller, with its energy. */
+#define LOOKUP_WALK_MAX 4096
+
+/* Rounds of a photon's walk; Mesa 22.3's lavapipe ends loops silently after 65,535 (docs/drivers.md). */
+#define LOOKUP_ROUNDS_MAX 60000
+
+struct chain_point {
+    vec4 position_normal; /* w: geometric normal on the side the chain comes from, octahedral 2x16 bits; NONE
+                             where the pixel shows no receiver through a chain */
+    uvec4 axes; /* the pixel filter's half axes on the surface over its reach, 6 halfs; w: reach, as the bits
+                   of a float whose low 12 bits are the mean throughput, 0 to 4 in steps of 2^-10 */
+};
+SHARED_SIZE(chain_point, 32);
+
+struct lookup_cell {
+    uint x, y, z, level; /* coordinates as the bits of ints */
+    uint first, count;   /* its points in the sorted list */
+    uint owner;          /* chain point that claimed the slot: level << 27 | number + 1; 0: free */
+    uint pad0;
+};
+SHARED_SIZE(lookup_cell, 32);
+
+/* A photon that reached a receiver, wherever that is. */
+struct lookup_photon {
+    vec4 position;   /* w: normal, octahedral 2x16 bits */
+    vec4 covariance; /* of its footprint in the frame of tangent_frame(normal): xx, xy, yy, m^2; w: plane
+                        slack, m */
+    vec4 flux;       /* rgb, W; w: area of its stratum's image, m^2 */
+    uint cell;       /* in the atlas; NONE: not to be looked up; CELL_WEAK is set on a weaker branch */
+    uint pad0, pad1, pad2;
+};
+SHARED_SIZE(lookup_photon, 64);
+
+#define LOOKUP_COUNT_POINTS   0 /* chain points */
+#define LOOKUP_COUNT_CELLS    1
+#define LOOKUP_COUNT_PHOTONS  2 /* that can be looked up */
+#define LOOKUP_COUNT_SEEN     3 /* that reached a chain point */
+#define LOOKUP_COUNT_KERNEL   4 /* pairs of photon and point tested */
+#define LOOKUP_COUNT_INSIDE   5
+#define LOOKUP_COUNT_OVERFLOW 6
+#define LOOKUP_COUNT_GUARD    7 /* footprints made smaller, walks ended, points without a slot */
+#define LOOKUP_COUNT_COUNT    8
+
+/* Zeroed at the start of a frame, read back whole. */
+struct lookup_gpu {
+    uint count[LOOKUP_COUNT_COUNT];
+    uint levels; /* bit set of levels that have points */
+    uint first;  /* of the sorted list that is not handed out yet */
+    uint pad0, pad1;
+};
+SHARED_SIZE(lookup_gpu, 48);
+#endif
