@@ -338,37 +338,14 @@ static inline float tone_map(float value)
     return mapped < 1 ? mapped : 1;
 }
 
-/* The value with `rank` values below it, among those above 0: their bits are ordered as they are. One half of
- * the bits after the other, each by counting. */
-static float value_of_rank(const float *values, size_t count, size_t rank, uint32_t *counts)
-{
-    uint32_t high = 0, low = 0;
-    for (int half = 0; half < 2; half++) {
-        memset(counts, 0, 65536 * sizeof *counts);
-        for (size_t i = 0; i < count; i++) {
-            uint32_t bits = (uint32_t)bits_of_float(values[i]);
-            if (values[i] > 0 && (!half || bits >> 16 == high))
-                counts[half ? bits & 0xffff : bits >> 16]++;
-        }
-        uint32_t *digit = half ? &low : &high;
-        for (*digit = 0; *digit < 65535 && rank >= counts[*digit]; ++*digit)
-            rank -= counts[*digit];
-    }
-    return float_from_bits((int32_t)(high << 16 | low));
-}
-
 bool flip_exposures_of(const struct measure_image *reference, struct flip_exposures *exposures,
                        struct error *error)
 {
     size_t pixels = (size_t)reference->width * reference->height, dark = 0;
     float *luminances = malloc((pixels ? pixels : 1) * sizeof *luminances), brightest = 0;
-    uint32_t *counts = malloc(65536 * sizeof *counts);
     *exposures = (struct flip_exposures){.count = 2};
-    if (!luminances || !counts) {
-        free(luminances);
-        free(counts);
+    if (!luminances)
         return error_set(error, STATUS_MEMORY, "no memory for %zu luminances", pixels);
-    }
     for (size_t i = 0; i < pixels; i++) {
         const float *value = reference->values + i * reference->components;
         luminances[i] = reference->components < 3
@@ -379,7 +356,11 @@ bool flip_exposures_of(const struct measure_image *reference, struct flip_exposu
     }
     if (dark < pixels) {
         size_t rank = pixels / 2 >= dark ? pixels / 2 - dark : (pixels - dark) / 2;
-        float median = value_of_rank(luminances, pixels, rank, counts);
+        float median = measure_rank_above_zero(luminances, pixels, rank);
+        if (isnan(median)) {
+            free(luminances);
+            return error_set(error, STATUS_MEMORY, "no memory for the median of %zu luminances", pixels);
+        }
         /* Where the curve reaches 0.85: a x^2 + b x + c = 0. */
         float a = aces[0] - 0.85f * aces[2], b = aces[1] - 0.85f * aces[3], c = -0.85f * aces[4];
         float half = -0.5f * (b / a), bright = half + sqrtf(half * half - c / a);
@@ -389,7 +370,6 @@ bool flip_exposures_of(const struct measure_image *reference, struct flip_exposu
             (struct flip_exposures){(double)start, (double)stop, (uint32_t)fmaxf(2, ceilf(stop - start))};
     }
     free(luminances);
-    free(counts);
     return true;
 }
 

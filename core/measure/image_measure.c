@@ -3,6 +3,7 @@
 #include <math.h>
 #include <stdbool.h>
 #include <stdlib.h>
+#include <string.h>
 
 static size_t value_count(const struct measure_image *image)
 {
@@ -176,6 +177,36 @@ void measure_box3(const struct measure_image *image, float *target)
             }
         }
     }
+}
+
+/* The bits of floats above 0 are ordered as they are: one half of the bits after the other, each by counting.
+ */
+float measure_rank_above_zero(const float *values, size_t count, size_t rank)
+{
+    enum { DIGITS = 65536 };
+    uint32_t *counts = malloc(DIGITS * sizeof *counts);
+    if (!counts)
+        return NAN;
+    uint32_t found = 0;
+    bool is_there = true;
+    for (int half = 0; half < 2 && is_there; half++) {
+        memset(counts, 0, DIGITS * sizeof *counts);
+        for (size_t i = 0; i < count; i++) {
+            uint32_t bits;
+            memcpy(&bits, &values[i], sizeof bits);
+            if (values[i] > 0 && (!half || bits >> 16 == found))
+                counts[half ? bits & 0xffff : bits >> 16]++;
+        }
+        uint32_t digit = 0;
+        while (digit < DIGITS && rank >= counts[digit])
+            rank -= counts[digit++];
+        is_there = digit < DIGITS;
+        found = found << 16 | digit;
+    }
+    free(counts);
+    float value;
+    memcpy(&value, &found, sizeof value);
+    return is_there ? value : 0;
 }
 
 static int compare_values(const void *left, const void *right)

@@ -62,6 +62,11 @@ double measure_sum(const struct measure_image *image, uint32_t component, const 
  * values as the image and does not overlap it. */
 void measure_box3(const struct measure_image *image, float *target);
 
+/* The value with `rank` smaller ones, equal ones counted, among those that are above 0; 0 when there are not
+ * as many. Takes time proportional to `count`: no sorting. NAN when there is no memory; values are not NaN.
+ */
+float measure_rank_above_zero(const float *values, size_t count, size_t rank);
+
 /* The value below which `percent` (0 to 100) of the values lie, interpolated linearly between neighbours.
  * Sorts `values`; none may be NaN. 0 values give 0. */
 double measure_percentile(double *values, size_t count, double percent);

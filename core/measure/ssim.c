@@ -93,17 +93,24 @@ static void filter_down(struct work *work, uint32_t width, uint32_t y)
     }
 }
 
+#define LIT_SHARE 0.99
+
+/* NAN when there is no memory. */
 static double reference_range(const struct measure_image *reference)
 {
-    size_t pixels = (size_t)reference->width * reference->height;
-    double least = INFINITY, most = -INFINITY;
+    size_t pixels = (size_t)reference->width * reference->height, lit = 0;
+    float *luminances = malloc(pixels * sizeof *luminances);
+    if (!luminances)
+        return (double)NAN;
     for (size_t i = 0; i < pixels; i++) {
-        double value = measure_luminance(reference, i);
-        least = fmin(least, value);
-        most = fmax(most, value);
+        luminances[i] = (float)measure_luminance(reference, i);
+        lit += luminances[i] > 0 ? 1 : 0;
     }
-    double range = most > least ? most - least : fabs(most);
-    return range > 0 ? range : 1;
+    double range = 1;
+    if (lit)
+        range = (double)measure_rank_above_zero(luminances, pixels, (size_t)(LIT_SHARE * (double)(lit - 1)));
+    free(luminances);
+    return range;
 }
 
 bool ssim_compare(const struct measure_image *image, const struct measure_image *reference,
@@ -124,6 +131,8 @@ bool ssim_compare(const struct measure_image *image, const struct measure_image 
         return error_set(error, STATUS_INVALID, "SSIM of %zu pixels that are not finite", bad);
 
     double range = params->dynamic_range > 0 ? params->dynamic_range : reference_range(reference);
+    if (isnan(range))
+        return error_set(error, STATUS_MEMORY, "no memory for %zu luminances", (size_t)width * height);
     double c1 = K1 * range * K1 * range, c2 = K2 * range * K2 * range, total = 0;
     size_t counted = 0;
     struct work work;

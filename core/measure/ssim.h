@@ -17,9 +17,9 @@
 #define SSIM_WINDOW 11u
 
 struct ssim_params {
-    double dynamic_range; /* L of the paper: 1 for display values in 0..1. 0: what the reference spans, its
-                             largest luminance less its smallest; that luminance itself if it spans nothing,
-                             and 1 if it is black */
+    double dynamic_range; /* L of the paper: 1 for display values in 0..1. 0: the luminance that 99 % of the
+                             reference's lit pixels stay below, 1 if none is lit: a few pixels at a cusp would
+                             make differences everywhere else look like nothing */
     const uint8_t *mask;  /* width * height: the pixels whose mean counts are not 0; NULL: all */
 };
 

@@ -153,6 +153,36 @@ static void percentiles(void **state)
     assert_close(measure_percentile(values, 0, 50), 0, 0);
 }
 
+static void ranks(void **state)
+{
+    (void)state;
+    enum { COUNT = 3000 };
+    float values[COUNT], order[COUNT];
+    uint32_t random = 1, lit = 0;
+    for (int i = 0; i < COUNT; i++) {
+        random = random * 1664525u + 1013904223u;
+        float value = ldexpf((float)(random >> 20), (int)(random >> 8 & 63) - 40); /* many equal, some 0 */
+        values[i] = i % 7 ? value : -value;
+        if (values[i] > 0)
+            order[lit++] = values[i];
+    }
+    for (uint32_t i = 1; i < lit; i++) /* insertion sort */
+        for (uint32_t j = i; j && order[j - 1] > order[j]; j--) {
+            float swapped = order[j];
+            order[j] = order[j - 1];
+            order[j - 1] = swapped;
+        }
+    for (uint32_t rank = 0; rank < lit; rank += 97)
+        assert_close(measure_rank_above_zero(values, COUNT, rank), order[rank], 0);
+    assert_close(measure_rank_above_zero(values, COUNT, lit - 1), order[lit - 1], 0);
+    assert_close(measure_rank_above_zero(values, COUNT, lit), 0, 0);
+    assert_close(measure_rank_above_zero(values, 0, 0), 0, 0);
+    const float ends[] = {3.4e38f, 1e-45f};
+    assert_close(measure_rank_above_zero(ends, 2, 0), ends[1], 0);
+    assert_close(measure_rank_above_zero(ends, 2, 1), ends[0], 0);
+    assert_close(measure_rank_above_zero(ends, 2, 2), 0, 0);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -160,7 +190,7 @@ int main(void)
         cmocka_unit_test(relative_squares), cmocka_unit_test(flux),
         cmocka_unit_test(fireflies),        cmocka_unit_test(sums),
         cmocka_unit_test(non_finite),       cmocka_unit_test(box),
-        cmocka_unit_test(percentiles),
+        cmocka_unit_test(percentiles),      cmocka_unit_test(ranks),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -93,7 +93,7 @@ static void test_closed_forms(void **state)
      * of the means takes. */
     assert_close(compare(inverse, board, 1, NULL), (9e-4 - 0.5) / (9e-4 + 0.5), 1e-4);
 
-    /* The range is the reference's: 1 for the board, whatever the image holds. */
+    /* The range is the reference's: 1 for the board, whatever the image holds and with a cusp in it. */
     struct measure_image a = {flat, WIDTH, HEIGHT, 1}, b = {board, WIDTH, HEIGHT, 1},
                          c = {other, WIDTH, HEIGHT, 1};
     struct ssim_result result;
@@ -102,6 +102,9 @@ static void test_closed_forms(void **state)
     assert_close(result.dynamic_range, 1, 0);
     assert_true(ssim_compare(&a, &c, &(struct ssim_params){0}, NULL, &result, &error));
     assert_close(result.dynamic_range, 0.75, 0);
+    board[17] = 1000;
+    assert_true(ssim_compare(&a, &b, &(struct ssim_params){0}, NULL, &result, &error));
+    assert_close(result.dynamic_range, 1, 0);
     memset(flat, 0, sizeof flat);
     assert_true(ssim_compare(&a, &a, &(struct ssim_params){0}, NULL, &result, &error));
     assert_close(result.dynamic_range, 1, 0);
