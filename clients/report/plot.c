@@ -42,6 +42,8 @@ void plot_number(double value, char *text, size_t size)
 {
     if (!isfinite(value))
         snprintf(text, size, "–");
+    else if (value == 0) /* of either sign */
+        snprintf(text, size, "0");
     else if (value == 0)
         snprintf(text, size, "0"); /* no "-0" */
     else if (fabs(value) < 1e-4 || fabs(value) >= 1e7)

@@ -74,11 +74,13 @@ static void measure_loop(const struct drive *drive, enum statistic which, struct
     uint32_t from = drive->warmup, all = drive->warmup + drive->frames;
     const double *values = drive->series[which];
     if (kind == PATH_RESTS || kind == PATH_STEPS) {
-        /* From the cold start, or from the last value before the step. */
-        uint32_t begin = kind == PATH_STEPS && from > 0 ? from - 1 : 0;
+        /* From the last value before the step, or from the cold start: the first density is only what the
+         * loop was seeded with. */
+        uint32_t begin = kind == PATH_STEPS ? from - 1 : which == STATISTIC_PHOTONS ? 0 : 1;
         struct series_settling settling;
         if (series_settling(values + begin, all - begin, drive->options->settle_band, &settling, &ignored)) {
-            measures_set(measures, settling_ids[which], settling.frames);
+            measures_set(measures, settling_ids[which],
+                         kind == PATH_STEPS ? settling.frames : settling.frames + begin);
             measures_set(measures, overshoot_ids[which], settling.overshoot);
             uint32_t settled =
                 isinf(settling.frames) ? all - (all - begin) / 2 : begin + (uint32_t)settling.frames;

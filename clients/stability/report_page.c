@@ -35,8 +35,9 @@ static const struct plot_group {
     {"Error against the reference", "relative L1", {"error"}, false},
     {"FLIP", "FLIP", {"flip"}, false},
     {"Difference from the frame before", "RMS, share", {"successive"}, false},
-    {"Photons and the density they follow", "count", {"photons", "density"}, false},
-    {"The densest cell", "photons", {"densest"}, false},
+    {"Photons emitted", "photons", {"photons"}, false},
+    {"Density of all cells, before the budget's scale", "photons", {"density"}, true},
+    {"Density of the densest cell", "photons", {"densest"}, true},
     {"Light of the picture", "mean luminance", {"light"}, false},
 };
 
@@ -94,7 +95,7 @@ static void draw_group(struct page *page, json_t *path, const struct plot_group 
             if (strcmp(text_of(series, "name"), group->names[i]) != 0)
                 continue;
             if (read_line(series, &lines[count]) && lines[count].count > 0) {
-                drawn[count] = (struct plot_series){.name = text_of(series, "help"),
+                drawn[count] = (struct plot_series){.name = group->names[1] ? text_of(series, "name") : NULL,
                                                     .x = lines[count].x,
                                                     .y = lines[count].y,
                                                     .count = lines[count].count,
