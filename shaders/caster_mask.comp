@@ -66,8 +66,17 @@ void main()
         half_angle *= 1.05;
         for (uint i = 0u; i < frame.caster_box_count && !meets; i++) {
             vec3 half_box = 0.5 * (boxes[i].maximum.xyz - boxes[i].minimum.xyz);
-            meets = cone_meets(light.position.xyz, axis, half_angle, boxes[i].minimum.xyz + half_box, length(half_box));
+            vec3 middle = boxes[i].minimum.xyz + half_box;
+            float wider = half_angle;
+            if (has(FEATURE_SOFT) && light.shape != EMITTER_POINT) {
+                float far = length(middle - light.position.xyz), near = far - length(half_box);
+                wider += max(emitter_widening(light, near), emitter_widening(light, far + length(half_box)));
+            }
+            meets = cone_meets(light.position.xyz, axis, wider, middle, length(half_box));
         }
+        // what an emitter's parts send within their cones meets the pivot sphere that much wider
+        if (has(FEATURE_SOFT) && light.shape != EMITTER_POINT)
+            half_angle += emitter_widening(light, 3.0e38);
         if (has(FEATURE_SPOT) && light.type == LIGHT_TYPE_SPOT)
             meets = meets && angle_between(axis, light.direction.xyz) <= 2.0 * asin(sqrt(0.5 * light.position.w)) + half_angle + 1e-6;
         if (has(FEATURE_SPOT) && light.type == LIGHT_TYPE_COSINE)

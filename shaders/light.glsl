@@ -179,6 +179,64 @@ float light_falloff(light_gpu light, vec3 direction)
     return t * t;
 }
 
+// ---- emitters with a size: the tile's point T at pivot distance and a point e of the emitter make a ray ----
+
+// A point of the emitter at `place` in the unit square, relative to the light, and its derivatives. A sphere shows T
+// the disk that its tangent cone cuts out of the plane across the way to T.
+vec3 emitter_point(light_gpu light, vec3 to_pivot, vec2 place, out vec3 e_s, out vec3 e_t)
+{
+    vec3 x = light.emitter_x.xyz, y = light.emitter_y.xyz;
+    if (light.shape == EMITTER_SPHERE) {
+        float sine = light.emitter_y.w / light.emitter_x.w;
+        float radius = light.emitter_y.w * inversesqrt(1.0 - sine * sine);
+        x = radius * normalize(abs(to_pivot.y) < 0.9 ? cross(to_pivot, vec3(0.0, 1.0, 0.0)) : cross(to_pivot, vec3(1.0, 0.0, 0.0)));
+        y = cross(to_pivot, x);
+    }
+    vec2 q = 2.0 * place - 1.0, q_s = vec2(2.0, 0.0), q_t = vec2(0.0, 2.0);
+    if (light.shape != EMITTER_RECTANGLE)
+        concentric_map(place, q, q_s, q_t);
+    e_s = x * q_s.x + y * q_s.y;
+    e_t = x * q_t.x + y * q_t.y;
+    return x * q.x + y * q.y;
+}
+
+// Flux through the pivot sphere at T from around e, against that of the light as a point.
+float emitter_weight(light_gpu light, vec3 to_pivot, vec3 e)
+{
+    float pivot = light.emitter_x.w;
+    vec3 way = pivot * to_pivot - e;
+    float distance2 = dot(way, way);
+    float nearness = pivot * pivot / distance2;
+    if (light.shape == EMITTER_SPHERE) {
+        float sine = light.emitter_y.w / pivot;
+        return nearness * nearness / (1.0 - sine * sine);
+    }
+    vec3 direction = way * inversesqrt(distance2);
+    return light_falloff(light, direction) * nearness * dot(direction, to_pivot);
+}
+
+// The same over the whole emitter, exact for a weight that is quadratic there.
+float emitter_mean_weight(light_gpu light, vec3 to_pivot)
+{
+    if (light.shape == EMITTER_SPHERE)
+        return 1.0;
+    float sum = 0.0;
+    for (uint k = 0u; k < 4u; k++) {
+        vec2 q = light.shape == EMITTER_RECTANGLE ? vec2(k & 1u, k >> 1) * 2.0 - 1.0
+                                                  : vec2(k < 2u ? 1.0 : 0.0, k < 2u ? 0.0 : 1.0) * ((k & 1u) == 0u ? 1.0 : -1.0);
+        q *= inversesqrt(light.shape == EMITTER_RECTANGLE ? 3.0 : 2.0);
+        sum += emitter_weight(light, to_pivot, light.emitter_x.xyz * q.x + light.emitter_y.xyz * q.y);
+    }
+    return 0.25 * sum;
+}
+
+// How far apart, as seen from the light, a ray from the emitter may meet the pivot sphere and distance `d`.
+float emitter_widening(light_gpu light, float d)
+{
+    float radius = light.emitter_y.w;
+    return abs(asin(min(radius / max(d, 1e-30), 1.0)) - asin(radius / light.emitter_x.w));
+}
+
 // Cells are numbered along a Morton curve, tile after tile.
 uint morton_encode(uvec2 p)
 {

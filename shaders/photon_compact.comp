@@ -9,6 +9,7 @@
 #include "frame.glsl"
 #include "optics.glsl"
 #include "photons.glsl"
+#include "spread.glsl"
 #include "targets.glsl"
 #include "lookup.glsl"
 layout(local_size_x = GROUP_SIZE) in;
@@ -20,7 +21,10 @@ layout(std430, binding = BINDING_PASS + 6) writeonly buffer next_buffer { uint n
 layout(std430, binding = BINDING_PASS + 7) writeonly buffer photon_buffer { photon photons[]; };
 layout(std430, binding = BINDING_PASS + 8) readonly buffer tree_buffer { uint tree[]; };
 layout(std430, binding = BINDING_PASS + 9) writeonly buffer seen_buffer { lookup_photon seen[]; };
+layout(std430, binding = BINDING_PASS + 10) readonly buffer spread_buffer { float spreads[]; };
 layout(push_constant) uniform push_block { uint parity; };
+
+const float SPREAD_RADIUS_MAX = 1024.0; // px
 
 shared uint group_outcomes[GROUP_SIZE];
 
@@ -35,8 +39,33 @@ bool sees(vec2 pixel, vec3 position, vec3 normal, float slack)
     return target_accepts(targets[uint(pixel.y) * frame.width + uint(pixel.x)], position, normal, slack);
 }
 
+// Covariance of what spreads the photon, m^2 in the tangent plane: xx, xy, yy; at most `limit` along both axes together.
+vec3 spread_covariance(uint slot, vec3 t1, vec3 t2, float limit)
+{
+    photon_spread spread;
+    SPREAD_LOAD(spreads, slot, spread);
+    vec2 a = vec2(dot(spread.emitter.p_u, t1), dot(spread.emitter.p_u, t2));
+    vec2 b = vec2(dot(spread.emitter.p_v, t1), dot(spread.emitter.p_v, t2));
+    vec3 c = vec3(a.x * a.x + b.x * b.x, a.x * a.y + b.x * b.y, a.y * a.y + b.y * b.y);
+    float largest = c.x + c.z;
+    if (!is_finite(largest)) {
+        guard++;
+        c = vec3(0.0);
+    } else if (largest > limit) {
+        limited = 1u;
+        c *= limit / largest;
+    }
+    return c;
+}
+
+// Strata as small as a 64th of what spreads them suffice: smaller ones only cost kernels. `area` in px^2.
+float spread_area_scale(float area)
+{
+    return frame.target_area / max(frame.target_area, area / 64.0);
+}
+
 // The same photon without a camera: its footprint in metres.
-lookup_photon make_lookup_photon(photon_ray ray)
+lookup_photon make_lookup_photon(photon_ray ray, uint slot)
 {
     lookup_photon p;
     vec3 position = ray.origin.xyz - frame.eye.xyz;
@@ -70,14 +99,23 @@ lookup_photon make_lookup_photon(photon_ray ray)
         }
     }
     float spread = 0.25 * sqrt(frame.kappa) * (length(a) + length(b));
+    float area = abs(a.x * b.y - a.y * b.x);
+    if (SPREADS) {
+        vec3 wide = spread_covariance(slot, t1, t2, SPREAD_RADIUS_MAX * SPREAD_RADIUS_MAX * pixel2);
+        cxx += wide.x;
+        cxy += wide.y;
+        cyy += wide.z;
+        spread += 0.25 * sqrt(wide.x + wide.z);
+        area *= spread_area_scale(sqrt(max(wide.x * wide.z - wide.y * wide.y, 0.0)) / pixel2);
+    }
     p.position = vec4(position, uintBitsToFloat(packed));
     p.covariance = vec4(max(cxx, 0.0), cxy, max(cyy, 0.0), min(spread, 0.25 * frame.max_radius * sqrt(pixel2)));
-    p.flux = vec4(ray.flux.xyz, abs(a.x * b.y - a.y * b.x));
+    p.flux = vec4(ray.flux.xyz, area);
     p.cell = fate == FATE_CULLED_SOLID_ANGLE ? NONE : ray.cell | ((ray.state & STATE_WEAK) != 0u ? CELL_WEAK : 0u);
     return p;
 }
 
-photon make_photon(photon_ray ray)
+photon make_photon(photon_ray ray, uint slot)
 {
     photon p;
     vec3 position = ray.origin.xyz - frame.eye.xyz;
@@ -140,9 +178,17 @@ photon make_photon(photon_ray ray)
     float cxy = frame.kappa * (a.x * a.y + b.x * b.y);
     float cyy = frame.kappa * (a.y * a.y + b.y * b.y);
 
+    vec3 wide = vec3(0.0);
+    if (SPREADS) {
+        vec3 m = spread_covariance(slot, t1, t2, SPREAD_RADIUS_MAX * SPREAD_RADIUS_MAX / abs(det_j));
+        wide = vec3(j1.x * j1.x * m.x + 2.0 * j1.x * j2.x * m.y + j2.x * j2.x * m.z,
+                    j1.x * j1.y * m.x + (j1.x * j2.y + j1.y * j2.x) * m.y + j2.x * j2.y * m.z,
+                    j1.y * j1.y * m.x + 2.0 * j1.y * j2.y * m.y + j2.y * j2.y * m.z);
+    }
+
     // A photon smaller than a pixel is shared out among the pixels it overlaps, as a box of the same variance: what
     // many of them add up to is the pixel's exact average, which no sampled kernel reaches.
-    vec2 box = sqrt(2.0 * vec2(cxx, cyy));
+    vec2 box = sqrt(2.0 * vec2(cxx + wide.x, cyy + wide.z));
     bool is_small = AA == AA_FILTER && max(box.x, box.y) <= 1.0;
 
     // Limits act on the singular values of the footprint, never on its energy.
@@ -169,9 +215,10 @@ photon make_photon(photon_ray ray)
         }
         limited = 1u;
     }
-    cxx = max(cxx, 0.0) + filter2;
-    cyy = max(cyy, 0.0) + filter2;
-    float det_c = max(is_limited ? cxx * cyy - cxy * cxy : det_free + filter2 * trace_free + filter2 * filter2, filter2 * filter2);
+    cxx = max(cxx, 0.0) + wide.x + filter2;
+    cxy += wide.y;
+    cyy = max(cyy, 0.0) + wide.z + filter2;
+    float det_c = max(is_limited || SPREADS ? cxx * cyy - cxy * cxy : det_free + filter2 * trace_free + filter2 * filter2, filter2 * filter2);
 
     // Perspective: 1 + w.o is depth over depth; kept away from the horizon.
     vec2 w = -vec2(j2.y * c.x - j1.y * c.y, -j2.x * c.x + j1.x * c.y) / (det_j * z);
@@ -194,6 +241,8 @@ photon make_photon(photon_ray ray)
         return p;
 
     float spread = 0.25 * sqrt(frame.kappa) * (length(x.p_u) + length(x.p_v));
+    if (SPREADS)
+        spread += 0.25 * sqrt((wide.x + wide.z) / abs(det_j));
     float slack = min(spread, 0.25 * frame.max_radius * inversesqrt(abs(det_j))) + inversesqrt(abs(det_j));
     bool sees_center = AA == AA_PIXEL || sees(center, position, normal, slack);
     bool sees_any = sees_center;
@@ -212,6 +261,8 @@ photon make_photon(photon_ray ray)
     p.cell = ray.cell | ((ray.state & STATE_WEAK) != 0u ? CELL_WEAK : 0u);
     // Photons at a rim count as well: a coarse one just out of sight spills more light into view than it should.
     p.area = photon_area(area);
+    if (SPREADS)
+        p.area *= spread_area_scale(sqrt(max(wide.x * wide.z - wide.y * wide.y, 0.0)));
     p.root = photon_root(p.area, total);
     p.ellipse = vec4(u00, u01, u11, extent.y);
     p.center = vec4(center, w);
@@ -248,10 +299,10 @@ void main()
     uint is_drawn = 0u;
     if ((outcome & OUTCOME_PHOTON) != 0u) {
         photon_ray ray = rays[queue[index]];
-        photon p = make_photon(ray);
+        photon p = make_photon(ray, queue[index]);
         photons[counters.photon_base + before.y] = p;
         if (has(FEATURE_LOOKUP))
-            seen[counters.photon_base + before.y] = make_lookup_photon(ray);
+            seen[counters.photon_base + before.y] = make_lookup_photon(ray, queue[index]);
         flux = channel_sum(ray.flux.xyz);
         is_drawn = p.cell != NONE ? 1u : 0u;
     }

@@ -9,10 +9,43 @@
 #include "light.glsl"
 #include "optics.glsl"
 #include "photons.glsl"
+#include "spread.glsl"
 layout(local_size_x = GROUP_SIZE) in;
 layout(std430, binding = BINDING_PASS + 1) readonly buffer tree_buffer { uint tree[]; };
 layout(std430, binding = BINDING_PASS + 2) writeonly buffer ray_buffer { photon_ray rays[]; };
 layout(std430, binding = BINDING_PASS + 3) writeonly buffer queue_buffer { uint queue[]; };
+layout(std430, binding = BINDING_PASS + 4) writeonly buffer spread_buffer { float spreads[]; };
+
+// Where on the emitter the photon starts, and what of its size is left to differentials. Returns its share of the
+// light's flux against a point's.
+float leave_emitter(light_gpu light, uvec2 lattice, vec2 place, inout emission e, out differential spread)
+{
+    vec3 to_pivot = e.direction;
+    uint side = light.emitter_side;
+    vec2 strata = (vec2(lattice & (side - 1u)) + place) / float(side);
+    vec3 e_s, e_t;
+    vec3 start = emitter_point(light, to_pivot, strata, e_s, e_t);
+    float weight = side == 1u && AA != AA_PIXEL ? emitter_mean_weight(light, to_pivot) : emitter_weight(light, to_pivot, start);
+    vec3 way = light.emitter_x.w * to_pivot - start;
+    float inverse = inversesqrt(dot(way, way));
+    e.origin += start;
+    e.direction = way * inverse;
+    vec3 pivot_u = light.emitter_x.w * e.direction_u, pivot_v = light.emitter_x.w * e.direction_v;
+    e.direction_u = inverse * (pivot_u - e.direction * dot(e.direction, pivot_u));
+    e.direction_v = inverse * (pivot_v - e.direction * dot(e.direction, pivot_v));
+    // columns with a sixth of their squares for variance: of a stratum's twelfth, of the whole disk's quarter
+    float scale = sqrt(0.5) / float(side);
+    if (side == 1u && light.shape != EMITTER_RECTANGLE) {
+        e_s = normalize(e_s) * (length(e_s) * 0.5 * sqrt(1.5));
+        e_t = normalize(e_t) * (length(e_t) * (2.0 / PI) * sqrt(1.5));
+        scale = 1.0;
+    }
+    spread.p_u = scale * e_s;
+    spread.p_v = scale * e_t;
+    spread.d_u = -inverse * (spread.p_u - e.direction * dot(e.direction, spread.p_u));
+    spread.d_v = -inverse * (spread.p_v - e.direction * dot(e.direction, spread.p_v));
+    return weight;
+}
 
 void main()
 {
@@ -47,23 +80,42 @@ void main()
         uvec2 turn = uvec2(0u); // which strata carry thinned branches changes with the subframe
         if ((frame.flags & FLAG_JITTER) != 0u)
             turn = uvec2(hash_word(frame.subframe ^ frame.seed), hash_word(frame.subframe + 0x9e37u));
-        uvec2 lattice = (cell_place(node) * side + uvec2(rest % side, rest / side) + turn) & 3u;
+        uvec2 lattice = cell_place(node) * side + uvec2(rest % side, rest / side) + turn;
         vec2 stratum = vec2(float(rest % side), float(rest / side)) + place;
         float size = 1.0 / (float(frame.cells) * float(side)); // of a stratum
         vec2 uv = vec2(cell_place(node)) / float(frame.cells) + stratum * size;
         emission e = light_emit(light, uv);
 
-        float share = light_falloff(light, e.direction) * light.tile_origin.w * size * size;
+        float weight;
+        photon_spread spread;
+        spread.emitter = differential(vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0));
+        float spacing = size; // of photons that stand for each other
+        if (has(FEATURE_SOFT) && light.shape != EMITTER_POINT) {
+            vec2 emitter_place = vec2(0.5);
+            if ((frame.flags & FLAG_JITTER) != 0u && (light.emitter_side > 1u || AA == AA_PIXEL)) {
+                uint h = hash_mix(hash, 0x5eu);
+                emitter_place = fract(vec2(hash_unit(h), hash_unit(hash_word(h))) +
+                                      float(frame.subframe) * vec2(0.8191725134, 0.6710436067));
+            }
+            weight = leave_emitter(light, lattice, emitter_place, e, spread.emitter);
+            // A block of the lattice has every stratum of the emitter once. Its photons are the ones to thin out together.
+            spacing *= float(light.emitter_side);
+            lattice /= light.emitter_side;
+        } else
+            weight = light_falloff(light, e.direction);
+        SPREAD_STORE(spreads, task, spread);
+        lattice &= 3u;
+        float share = weight * light.tile_origin.w * size * size;
         photon_ray ray;
-        float measure = 1.0 / max(light.tile_origin.w * size * size, 1e-30);
+        float measure = 1.0 / max(light.tile_origin.w * spacing * spacing, 1e-30);
         ray.origin = vec4(e.origin, light.map == TILE_RECT ? -measure : measure);
         ray.direction = vec4(e.direction, 0.0);
         ray.flux = vec4(light.intensity.xyz * share, light.intensity.w * share);
         differential x;
-        x.p_u = e.origin_u * size;
-        x.p_v = e.origin_v * size;
-        x.d_u = e.direction_u * size;
-        x.d_v = e.direction_v * size;
+        x.p_u = e.origin_u * spacing;
+        x.p_v = e.origin_v * spacing;
+        x.d_u = e.direction_u * spacing;
+        x.d_v = e.direction_v * spacing;
         ray_set_differential(ray, x);
         ray.cell = node;
         ray.hash = hash;

@@ -14,6 +14,7 @@
 #include "optics.glsl"
 #include "scene_differentials.glsl"
 #include "photons.glsl"
+#include "spread.glsl"
 layout(local_size_x = GROUP_SIZE) in;
 layout(std430, binding = BINDING_PASS + 1) buffer ray_buffer { photon_ray rays[]; };
 layout(std430, binding = BINDING_PASS + 2) writeonly buffer child_buffer { photon_ray children[]; };
@@ -21,6 +22,8 @@ layout(std430, binding = BINDING_PASS + 3) readonly buffer queue_buffer { uint q
 layout(std430, binding = BINDING_PASS + 4) writeonly buffer outcome_buffer { uint outcomes[]; };
 layout(std430, binding = BINDING_PASS + 5) writeonly buffer group_buffer { uvec2 group_totals[]; };
 layout(std430, binding = BINDING_PASS + 6) readonly buffer thinning_buffer { uint thinning[]; };
+layout(std430, binding = BINDING_PASS + 7) buffer spread_buffer { float spreads[]; };
+layout(std430, binding = BINDING_PASS + 8) writeonly buffer child_spread_buffer { float child_spreads[]; };
 
 layout(push_constant) uniform push_block { uint parity; };
 
@@ -41,8 +44,8 @@ void finish(uint which, vec3 flux)
 }
 
 // Continues the ray in child slot `slot`.
-void spawn(photon_ray ray, uint slot, vec3 origin, vec3 direction, differential x, vec3 flux, uint branch, uint last,
-           uint splits, uint medium, float flown)
+void spawn(photon_ray ray, uint slot, vec3 origin, vec3 direction, differential x, photon_spread spread, vec3 flux,
+           uint branch, uint last, uint splits, uint medium, float flown)
 {
     ray.origin.xyz = origin;
     ray.direction = vec4(direction, flown);
@@ -52,6 +55,20 @@ void spawn(photon_ray ray, uint slot, vec3 origin, vec3 direction, differential 
     ray.medium = medium;
     ray.state = (ray.state & 0x7c000u) + ((ray.state & 0xffu) + 1u) + (splits << 8) + (last << 12);
     children[slot] = ray;
+    SPREAD_STORE(child_spreads, slot, spread);
+}
+
+void reflect_spread(inout photon_spread spread, vec3 d, vec3 n, surface s)
+{
+    if (SPREADS)
+        reflect_differential(spread.emitter, d, n, s);
+}
+
+void refract_spread(inout photon_spread spread, vec3 d, vec3 n, surface s, float eta, float cos_t)
+{
+    uint unused = 0u; // singular places are counted with the photon's own
+    if (SPREADS)
+        refract_differential(spread.emitter, d, n, s, eta, cos_t, unused);
 }
 
 void main()
@@ -84,6 +101,8 @@ void main()
         vec3 direction = ray.direction.xyz;
         vec3 flux = ray.flux.xyz;
         differential x = ray_differential(ray);
+        photon_spread spread;
+        SPREAD_LOAD(spreads, slot, spread);
 
         if (hit.instance == TRACE_MISS) {
             finish(FATE_ESCAPED, flux);
@@ -107,6 +126,10 @@ void main()
                 }
             }
             differential_transfer(x, direction, hit.t, geometric, guard);
+            if (SPREADS) {
+                uint before = guard;
+                differential_transfer(spread.emitter, direction, hit.t, geometric, before);
+            }
 
             if (material.kind == KIND_DIFFUSE) {
                 if (bounces == 0u) {
@@ -128,6 +151,7 @@ void main()
                         ray.state |= hidden ? STATE_HIDDEN : 0u;
                     }
                     rays[slot] = ray;
+                    SPREAD_STORE(spreads, slot, spread);
                 }
             } else if (bounces >= frame.max_bounces) {
                 finish(FATE_BOUNCE_LIMIT, flux);
@@ -141,9 +165,10 @@ void main()
                 vec3 turned = reflect(direction, normal);
                 differential y = x;
                 reflect_differential(y, direction, normal, s);
+                reflect_spread(spread, direction, normal, s);
                 if (dot(turned, geometric) <= 0.0)
                     turned = reflect(direction, geometric);
-                spawn(ray, stride * index, offset_origin(s.position, geometric), normalize(turned), y, kept, 0u,
+                spawn(ray, stride * index, offset_origin(s.position, geometric), normalize(turned), y, spread, kept, 0u,
                       LAST_REFLECT, splits, ray.medium, flown);
                 outcome = OUTCOME_CHILD0;
             } else if (has(FEATURE_DIELECTRIC | FEATURE_THIN)) {
@@ -238,17 +263,19 @@ void main()
                         differential_scale(y, weak_scale);
                         ray.state = flags | STATE_WEAK;
                     }
+                    photon_spread z = spread;
                     vec3 turned = direction;
                     uint medium = ray.medium;
                     if (!thin) {
                         if (eta != 1.0)
                             turned = normalize(eta * direction + (eta * cos_i - cos_t) * normal);
                         refract_differential(y, direction, normal, s, eta, cos_t, guard);
+                        refract_spread(z, direction, normal, s, eta, cos_t);
                         if (dot(turned, geometric) >= 0.0)
                             turned = normalize(turned - (dot(turned, geometric) + 1e-3) * geometric);
                         medium = b.beyond;
                     }
-                    spawn(ray, next, offset_origin(s.position, -geometric), turned, y, refracted_flux, 0u,
+                    spawn(ray, next, offset_origin(s.position, -geometric), turned, y, z, refracted_flux, 0u,
                           LAST_REFRACT, new_splits, medium, flown);
                     outcome |= OUTCOME_CHILD0;
                     next++;
@@ -261,10 +288,12 @@ void main()
                         differential_scale(y, weak_scale);
                         ray.state = flags | STATE_WEAK;
                     }
+                    photon_spread z = spread;
                     reflect_differential(y, direction, normal, s);
+                    reflect_spread(z, direction, normal, s);
                     if (dot(turned, geometric) <= 0.0)
                         turned = reflect(direction, geometric);
-                    spawn(ray, next, offset_origin(s.position, geometric), normalize(turned), y, reflected_flux, 1u,
+                    spawn(ray, next, offset_origin(s.position, geometric), normalize(turned), y, z, reflected_flux, 1u,
                           LAST_REFLECT, new_splits, ray.medium, flown);
                     outcome |= (outcome & OUTCOME_CHILD0) != 0u ? OUTCOME_CHILD1 : OUTCOME_CHILD0;
                 }

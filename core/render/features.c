@@ -68,6 +68,8 @@ void features_find(const struct view *view, uint32_t channel_mask, struct featur
         if (!(intensity[0] + intensity[1] + intensity[2] > 0))
             continue;
         features->lit_count++;
+        if (light->shape != LIGHT_SHAPE_POINT)
+            features->bits |= FEATURE_SOFT;
         /* lights of one tint differ by a factor only */
         if (first && (intensity[0] * first[1] != intensity[1] * first[0] ||
                       intensity[1] * first[2] != intensity[2] * first[1] ||
@@ -116,5 +118,5 @@ void features_find(const struct view *view, uint32_t channel_mask, struct featur
         if (!features->no_lookup_reason)
             features->bits |= FEATURE_LOOKUP | (view->settings.camera_branches > 1 ? FEATURE_BRANCHES : 0);
     } else
-        features->bits &= ~(FEATURE_VARIANCE | FEATURE_TEXTURED_FLUX | FEATURE_CHROMATIC);
+        features->bits &= ~(FEATURE_VARIANCE | FEATURE_TEXTURED_FLUX | FEATURE_CHROMATIC | FEATURE_SOFT);
 }

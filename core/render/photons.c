@@ -3,6 +3,13 @@
 
 #include "view_state.h"
 
+/* Of the columns beside a ray, see shaders/spread.glsl. */
+static size_t spread_bytes(const struct view *view)
+{
+    (void)view;
+    return 12 * sizeof(float);
+}
+
 bool photons_prepare(struct view *view)
 {
     size_t rays = RAYS_PER_PHOTON * (size_t)view->settings.photons;
@@ -13,6 +20,9 @@ bool photons_prepare(struct view *view)
     stored = stored < least ? least : stored;
     return view_buffer(view, BUFFER_RAYS, rays * sizeof(struct photon_ray)) &&
            view_buffer(view, BUFFER_RAYS_OTHER, rays * sizeof(struct photon_ray)) &&
+           (!view->plan.has_spreads ||
+            (view_buffer(view, BUFFER_SPREADS, rays * spread_bytes(view)) &&
+             view_buffer(view, BUFFER_SPREADS_OTHER, rays * spread_bytes(view)))) &&
            view_buffer(view, BUFFER_QUEUE, rays * sizeof(uint32_t)) &&
            view_buffer(view, BUFFER_QUEUE_OTHER, rays * sizeof(uint32_t)) &&
            view_buffer(view, BUFFER_OUTCOMES, rays * sizeof(uint32_t)) &&
@@ -23,15 +33,16 @@ bool photons_prepare(struct view *view)
 void photons_record(struct view *view, struct gpu_frame *frame)
 {
     gpu_pass_begin(frame, "emit");
-    view_dispatch(view, frame,
-                  &(struct view_dispatch){.shader = "photon_emit.comp",
-                                          .lights = true,
-                                          .indirect = BUFFER_COUNTERS,
-                                          .indirect_offset = offsetof(struct counters_gpu, queue),
-                                          USES({BINDING_PASS, GPU_READ_WRITE, BUFFER_COUNTERS},
-                                               {BINDING_PASS + 1, GPU_READ, BUFFER_TREE},
-                                               {BINDING_PASS + 2, GPU_WRITE, BUFFER_RAYS},
-                                               {BINDING_PASS + 3, GPU_WRITE, BUFFER_QUEUE})});
+    view_dispatch(
+        view, frame,
+        &(struct view_dispatch){
+            .shader = "photon_emit.comp",
+            .lights = true,
+            .indirect = BUFFER_COUNTERS,
+            .indirect_offset = offsetof(struct counters_gpu, queue),
+            USES({BINDING_PASS, GPU_READ_WRITE, BUFFER_COUNTERS}, {BINDING_PASS + 1, GPU_READ, BUFFER_TREE},
+                 {BINDING_PASS + 2, GPU_WRITE, BUFFER_RAYS}, {BINDING_PASS + 3, GPU_WRITE, BUFFER_QUEUE},
+                 {BINDING_PASS + 4, GPU_WRITE, view->plan.has_spreads ? BUFFER_SPREADS : BUFFER_QUEUE})});
     gpu_pass_end(frame);
     for (uint32_t bounce = 0; bounce <= (uint32_t)view->settings.max_bounces; bounce++) {
         uint32_t parity = bounce % 2;
@@ -39,6 +50,10 @@ void photons_record(struct view *view, struct gpu_frame *frame)
         enum view_buffer children = parity ? BUFFER_RAYS : BUFFER_RAYS_OTHER;
         enum view_buffer queue = parity ? BUFFER_QUEUE_OTHER : BUFFER_QUEUE;
         enum view_buffer next_queue = parity ? BUFFER_QUEUE : BUFFER_QUEUE_OTHER;
+        /* without them the bindings are there but nobody looks */
+        bool spreads = view->plan.has_spreads;
+        enum view_buffer spread = !spreads ? rays : parity ? BUFFER_SPREADS_OTHER : BUFFER_SPREADS;
+        enum view_buffer child_spread = !spreads ? children : parity ? BUFFER_SPREADS : BUFFER_SPREADS_OTHER;
         size_t groups = offsetof(struct counters_gpu, queue) + parity * 4 * sizeof(uint32_t);
         gpu_pass_begin(frame, "trace");
         view_dispatch(
@@ -54,7 +69,9 @@ void photons_record(struct view *view, struct gpu_frame *frame)
                      {BINDING_PASS + 1, GPU_READ_WRITE, rays}, {BINDING_PASS + 2, GPU_WRITE, children},
                      {BINDING_PASS + 3, GPU_READ, queue}, {BINDING_PASS + 4, GPU_WRITE, BUFFER_OUTCOMES},
                      {BINDING_PASS + 5, GPU_WRITE, BUFFER_GROUPS},
-                     {BINDING_PASS + 6, GPU_READ, view->plan.has_feedback ? BUFFER_THINNING : queue})});
+                     {BINDING_PASS + 6, GPU_READ, view->plan.has_feedback ? BUFFER_THINNING : queue},
+                     {BINDING_PASS + 7, GPU_READ_WRITE, spread},
+                     {BINDING_PASS + 8, GPU_WRITE, child_spread})});
         gpu_pass_end(frame);
         gpu_pass_begin(frame, "compact");
         view_dispatch(view, frame,
@@ -78,7 +95,8 @@ void photons_record(struct view *view, struct gpu_frame *frame)
                      {BINDING_PASS + 5, GPU_READ, BUFFER_GROUPS}, {BINDING_PASS + 6, GPU_WRITE, next_queue},
                      {BINDING_PASS + 7, GPU_WRITE, BUFFER_PHOTONS}, {BINDING_PASS + 8, GPU_READ, BUFFER_TREE},
                      {BINDING_PASS + 9, GPU_WRITE,
-                      view->plan.has_lookup ? BUFFER_LOOKUP_PHOTONS : BUFFER_PHOTONS})});
+                      view->plan.has_lookup ? BUFFER_LOOKUP_PHOTONS : BUFFER_PHOTONS},
+                     {BINDING_PASS + 10, GPU_READ, spread})});
         gpu_pass_end(frame);
     }
 }

@@ -24,6 +24,7 @@ void plan_make(const struct view *view, const struct features *features, uint32_
     plan->has_gbuffer = has_geometry && (plan->has_photons || (images & geometry) != 0);
     plan->has_output = plan->has_gbuffer && images != 0;
     plan->has_feedback = plan->has_photons && settings->density != DENSITY_UNIFORM;
+    plan->has_spreads = plan->has_photons && (bits & FEATURE_SOFT) && settings->aa != SPLAT_AA_PIXEL;
     plan->has_variance = plan->has_feedback && (bits & FEATURE_VARIANCE) != 0;
     bool is_all_quads = settings->aa == SPLAT_AA_MSAA || settings->aa == SPLAT_AA_MSAA_SAMPLE;
     plan->has_sums = plan->has_photons && !is_all_quads;
@@ -84,6 +85,23 @@ void plan_make(const struct view *view, const struct features *features, uint32_
          "nothing glows, or beauty is not requested");
     line(plan, "directional light", (bits & FEATURE_DIRECTIONAL) != 0, "there is one", "there is none");
     line(plan, "spot light", (bits & FEATURE_SPOT) != 0, "there is one", "there is none");
+    line(plan, "soft light", (bits & FEATURE_SOFT) != 0, "some light is a sphere, disk or rectangle",
+         plan->has_photons ? "every light is a point or a beam" : no_photons);
+    line(plan, "spreads", plan->has_spreads, "a soft light widens footprints",
+         !plan->has_photons               ? no_photons
+         : settings->aa == SPLAT_AA_PIXEL ? "aa=pixel has no footprints"
+                                          : "nothing spreads a photon beyond its stratum");
+    bool is_measured = view->soft.stage == SOFT_MEASURED;
+    line(plan, "emitter samples", plan->has_photons && (bits & FEATURE_SOFT) && emitter_uses_samples(view),
+         settings->soft == SOFT_SAMPLES   ? "soft=samples"
+         : settings->aa == SPLAT_AA_PIXEL ? "aa=pixel has no footprints"
+         : is_measured                    ? "soft=auto measured that differentials err"
+                                          : "soft=auto has not measured yet",
+         !plan->has_photons                     ? no_photons
+         : !(bits & FEATURE_SOFT)               ? "no light has a size"
+         : settings->soft == SOFT_DIFFERENTIALS ? "soft=differentials"
+         : is_measured                          ? "soft=auto measured that differentials serve"
+                                                : "soft=auto has not measured yet");
     line(plan, "visibility rays", plan->has_photons && settings->aa == SPLAT_AA_PIXEL,
          "aa=pixel asks whether the camera sees each photon", "only aa=pixel needs them");
     line(plan, "accumulation", settings->accumulate > 1, "accumulate is above 1", "accumulate is 1");

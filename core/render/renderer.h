@@ -20,7 +20,7 @@
 #define VIEW_MAX_SIZE       8192u           /* pixels along a side */
 #define VIEW_MAX_PIXELS     (4096u * 2304u) /* also limited by the device; renderer_limits tells */
 #define VIEW_MAX_PASSES     32u
-#define VIEW_MAX_PLAN_LINES 32u
+#define VIEW_MAX_PLAN_LINES 48u
 
 enum tracer { TRACER_AUTO, TRACER_BVH, TRACER_KHR };
 

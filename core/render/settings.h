@@ -27,6 +27,7 @@ enum splat_aa {
 };
 enum depth_test { DEPTH_TEST_PLANE, DEPTH_TEST_MARGIN };
 enum lookup_rule { LOOKUP_AUTO, LOOKUP_OFF, LOOKUP_HASH };
+enum soft_rule { SOFT_AUTO, SOFT_DIFFERENTIALS, SOFT_SAMPLES };
 enum tile_fit { TILE_FIT_CASTERS, TILE_FIT_FULL };
 
 /* S(name, type, minimum, maximum, default, choices, help) */
@@ -47,6 +48,9 @@ enum tile_fit { TILE_FIT_CASTERS, TILE_FIT_FULL };
     S(caster_mask, BOOL, 0, 1, 1, "", "emit only into cells that can meet a caster")                         \
     S(split, CHOICE, 0, 2, SPLIT_ENERGY, "energy,once,roulette",                                             \
       "at glass: follow both branches while they carry energy, once (the thesis), or one at random")         \
+    S(soft, CHOICE, 0, 2, SOFT_AUTO, "auto,differentials,samples",                                           \
+      "lights with a size: their extent widens footprints, or photons start all over them; auto: by error")  \
+    S(light_samples, INT, 1, 64, 16, "", "strata of an emitter with soft=samples; 1, 4, 16 or 64 are used")  \
     S(max_bounces, INT, 1, 64, 12, "", "specular interactions a photon may have")                            \
     S(cull_energy, FLOAT, 0, 1, 1e-5, "", "drop photons below this share of their emitted flux")             \
     S(cull_solid_angle, FLOAT, 0, 100, 0, "",                                                                \

@@ -54,6 +54,8 @@
     S(guard_overflow, "count", "splat contributions clamped to the accumulator's range")                     \
     S(guard_lookup, "count", "footprints, walks and chain points limited by the lookup grid")                \
     S(guard_split, "count", "bounces where capacity turned splitting into roulette")                         \
+    S(soft_error, "1", "soft=auto: relative difference that differentials of the emitter made, measured")    \
+    S(lights_shrunk, "count", "lights so large that a caster is in or close to them: taken as smaller")      \
     S(subframes, "count", "frames averaged into this one")                                                   \
     S(plan_ns, "ns", "CPU time spent on features and plan")                                                  \
     S(upload_ns, "ns", "CPU time spent on pose, tiles and uploads")                                          \

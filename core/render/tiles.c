@@ -155,7 +155,10 @@ static void fit_directions(const struct view *view, const struct light_gpu *ligh
     float axis[3], half = PI_F;
     if (view->settings.tile == TILE_FIT_CASTERS)
         half = fit_cone(view->renderer, apex, axis);
-    float wanted = fminf(half * CAP_MARGIN + 1e-5f, PI_F);
+    float wider = emitter_widening(view, light);
+    if (cone < PI_F)
+        cone = fminf(cone + emitter_angle(light), PI_F);
+    float wanted = fminf(half * CAP_MARGIN + wider + 1e-5f, PI_F);
     if (cone < PI_F && cone <= wanted)
         set_cap(tile, direction, cone);
     else if (wanted > CAP_WIDEST)
@@ -163,7 +166,8 @@ static void fit_directions(const struct view *view, const struct light_gpu *ligh
     else {
         float unused[3];
         bool holds = old.is_valid && old.map == TILE_CAP &&
-                     widest_corner(view->renderer, apex, old.z, unused) <= old.height &&
+                     widest_corner(view->renderer, apex, old.z, unused) <=
+                         (wider > 0 ? height_of(fmaxf(half_angle_of(old.height) - wider, 0)) : old.height) &&
                      half_angle_of(old.height) <= CAP_TOO_LARGE * wanted;
         if (!holds)
             set_cap(tile, axis, wanted);
@@ -224,7 +228,8 @@ static uint32_t map_key(const struct light_tile *tile, float key[14])
     return 14;
 }
 
-static void describe_light(const struct view *view, uint32_t index, struct light_gpu *light)
+/* False when the light had to shrink, see emitter_fit. */
+static bool describe_light(const struct view *view, uint32_t index, struct light_gpu *light)
 {
     const struct renderer *renderer = view->renderer;
     const struct scene_light *source = &renderer->scene->lights[index];
@@ -249,6 +254,7 @@ static void describe_light(const struct view *view, uint32_t index, struct light
     put_vec4(&light->position, position, height_of(source->outer_cone));
     put_vec4(&light->direction, direction, height_of(source->inner_cone));
     put_vec4(&light->intensity, intensity, intensity[0] + intensity[1] + intensity[2]);
+    return emitter_fit(view, source->shape, source->half_size, renderer->pose->lights[index].side, light);
 }
 
 /* Irradiance of uncaustic light at the nearest caster: the scale of the accumulator. A caster that the light
@@ -278,12 +284,13 @@ void tiles_update(struct view *view)
 {
     struct renderer *renderer = view->renderer;
     uint32_t count = view->features.light_count;
+    view->lights_shrunk = 0;
     float flux = 0, reference = 0;
     bool changed = !view->has_density || view->tiles_pose != renderer->pose_version;
     for (uint32_t i = 0; i < count; i++) {
         struct light_gpu *light = &view->lights[i], before = *light;
         struct light_tile *tile = &view->tiles[i], old = *tile;
-        describe_light(view, i, light);
+        view->lights_shrunk += describe_light(view, i, light) ? 0 : 1;
         bool has_moved = memcmp(&before.position, &light->position, 2 * sizeof(vec4)) != 0;
         light->medium = before.medium;
         if (light->type != LIGHT_TYPE_DIRECTIONAL &&
@@ -291,7 +298,8 @@ void tiles_update(struct view *view)
             light->medium =
                 solids_at(&renderer->solids, renderer->scene, renderer->pose, renderer->trees,
                           (const float[3]){light->position.x, light->position.y, light->position.z});
-        changed |= has_moved || (before.intensity.w > 0) != (light->intensity.w > 0);
+        changed |= has_moved || memcmp(&before.emitter_x, &light->emitter_x, 2 * sizeof(vec4)) != 0 ||
+                   (before.intensity.w > 0) != (light->intensity.w > 0);
         if (light->type == LIGHT_TYPE_DIRECTIONAL)
             fit_beam(view, light, tile);
         else

@@ -18,46 +18,17 @@ static uint64_t now_ns(void)
 /* ---- buffers and dispatches ---------------------------------------------------------------------------- */
 
 static const char *const buffer_names[BUFFER_COUNT] = {
-    "frame",
-    "lights",
-    "counters",
-    "caster boxes",
-    "caster mask",
-    "density",
-    "density",
-    "quadtree",
-    "partials",
-    "feedback",
-    "variance",
-    "thinning",
-    "rays",
-    "rays",
-    "queue",
-    "queue",
-    "outcomes",
-    "groups",
-    "photons",
-    "surfaces",
-    "targets",
-    "sums",
-    "picture",
-    "reached",
-    "irradiance",
-    "irradiance",
-    "chains",
-    "chain weights",
-    "chain places",
-    "lookup",
-    "lookup cells",
-    "lookup marks",
-    "lookup points",
-    "lookup photons",
-    "lookup sums",
-    "indirect",
-    "lookup readback",
-    "output",
-    "readback",
-    "counters readback",
+    "frame",        "lights",        "counters",          "caster boxes",
+    "caster mask",  "density",       "density",           "quadtree",
+    "partials",     "feedback",      "variance",          "thinning",
+    "rays",         "rays",          "spreads",           "spreads",
+    "queue",        "queue",         "outcomes",          "groups",
+    "photons",      "surfaces",      "targets",           "sums",
+    "picture",      "reached",       "irradiance",        "irradiance",
+    "chains",       "chain weights", "chain places",      "lookup",
+    "lookup cells", "lookup marks",  "lookup points",     "lookup photons",
+    "lookup sums",  "indirect",      "lookup readback",   "soft",
+    "output",       "readback",      "counters readback",
 };
 
 bool view_buffer(struct view *view, enum view_buffer id, size_t size)
@@ -285,6 +256,7 @@ void view_reset(struct view *view)
     view->frame = 0;
     view->still_frames = 0;
     view->has_density = view->has_feedback = view->has_previous = false;
+    view->soft = (struct soft_choice){0};
     for (uint32_t i = 0; i < view->renderer->scene->light_count; i++)
         view->tiles[i].is_valid = false;
 }
@@ -519,7 +491,7 @@ static void fill_camera(struct view *view, struct frame_gpu *data, uint32_t subf
 /* Every lit light gets a tile of this many cells a side, so that the least samples fit the budget. */
 static uint32_t cells_within_budget(const struct view *view)
 {
-    uint32_t cells = (uint32_t)view->settings.cells, lights = view->features.lit_count;
+    uint32_t cells = emitter_cells(view), lights = view->features.lit_count;
     uint64_t side = 1;
     while ((side + 1) * (side + 1) <= (uint64_t)view->settings.min_samples)
         side++;
@@ -611,7 +583,7 @@ static bool prepare(struct view *view)
     if (ok && plan->has_photons)
         ok = view_buffer(view, BUFFER_COUNTERS, sizeof(struct counters_gpu)) &&
              view_buffer(view, BUFFER_READBACK_COUNTERS, sizeof(struct counters_gpu)) &&
-             density_prepare(view) && photons_prepare(view) && splat_prepare(view) &&
+             density_prepare(view) && photons_prepare(view) && splat_prepare(view) && emitter_prepare(view) &&
              (!plan->has_lookup || lookup_prepare(view));
     if (ok && plan->has_output)
         ok = compose_prepare(view);
@@ -643,6 +615,7 @@ static void record(struct view *view, struct gpu_frame *frame, bool is_last)
         density_record(view, frame);
         photons_record(view, frame);
         splat_record(view, frame);
+        emitter_record(view, frame);
         if (plan->has_lookup)
             lookup_record(view, frame);
         if (plan->has_feedback)
@@ -913,6 +886,7 @@ const struct frame_result *view_render(struct view *view, uint32_t channel_mask,
         renderer->uploaded_version = renderer->pose_version;
         if (view->plan.has_photons) {
             add_counters(view, 1.0 / subframes);
+            emitter_measure(view, gpu_buffer_map(view->buffers[BUFFER_READBACK_COUNTERS]));
             result->stats[STAT_aa_samples] = splat_samples(view);
             if (view->plan.has_lookup)
                 lookup_add_counters(view);
@@ -929,6 +903,8 @@ const struct frame_result *view_render(struct view *view, uint32_t channel_mask,
         return NULL;
     view->frame++;
     uint64_t end = now_ns();
+    result->stats[STAT_soft_error] = view->soft.error;
+    result->stats[STAT_lights_shrunk] = view->lights_shrunk;
     result->stats[STAT_plan_ns] = (double)(planned - begin);
     result->stats[STAT_upload_ns] = (double)uploading;
     result->stats[STAT_readback_ns] = (double)(end - reading);

@@ -84,6 +84,8 @@ enum view_buffer {
     BUFFER_THINNING,
     BUFFER_RAYS, /* even and odd bounces */
     BUFFER_RAYS_OTHER,
+    BUFFER_SPREADS, /* beside the rays */
+    BUFFER_SPREADS_OTHER,
     BUFFER_QUEUE, /* even and odd bounces */
     BUFFER_QUEUE_OTHER,
     BUFFER_OUTCOMES,
@@ -107,6 +109,7 @@ enum view_buffer {
     BUFFER_LOOKUP_SUMS,
     BUFFER_INDIRECT,
     BUFFER_READBACK_LOOKUP,
+    BUFFER_SOFT, /* irradiance by differentials, while soft=auto compares */
     BUFFER_OUTPUT,
     BUFFER_READBACK,
     BUFFER_READBACK_COUNTERS,
@@ -128,7 +131,7 @@ struct features {
 struct plan {
     struct plan_line lines[VIEW_MAX_PLAN_LINES];
     uint32_t line_count;
-    bool has_gbuffer, has_photons, has_feedback, has_variance, has_lookup, has_output;
+    bool has_gbuffer, has_photons, has_feedback, has_variance, has_lookup, has_spreads, has_output;
     bool has_sums;  /* splats add to fixed-point sums in compute */
     bool has_quads; /* splats are rasterised */
 };
@@ -138,6 +141,20 @@ struct splat_quads {
     struct gpu_raster *raster;
     uint32_t width, height;
     int32_t aa, depth_test;
+};
+
+/* soft=auto: which way the emitters' size is drawn. */
+enum soft_stage {
+    SOFT_UNMEASURED, /* this frame draws differentials and keeps the picture */
+    SOFT_COMPARING,  /* this one draws samples, from the same place, and compares */
+    SOFT_GUESSED,    /* the camera moved: by the emitter's angle, until it stands still */
+    SOFT_MEASURED
+};
+struct soft_choice {
+    enum soft_stage stage;
+    bool errs;    /* differentials do */
+    float angle;  /* of the widest emitter when it was measured, rad */
+    double error; /* measured: relative L1 of differentials against samples */
 };
 
 struct light_tile {
@@ -179,6 +196,8 @@ struct view {
     uint32_t tiles_key;       /* hash of light state and settings they were fitted to */
     bool mask_is_stale;
     uint64_t eye_pose; /* pose_version that data.eye_medium belongs to */
+    struct soft_choice soft;
+    uint32_t lights_shrunk; /* emitters with a caster within them, drawn smaller */
     struct light_gpu *lights;
     struct frame_gpu data;
     struct frame_gpu last_data;
@@ -237,6 +256,24 @@ void plan_make(const struct view *view, const struct features *features, uint32_
 
 /* tiles.c: fits light tiles to casters; fills view->lights. */
 void tiles_update(struct view *view);
+
+/* emitter.c: lights with a size. `emitter_fit` describes one to the shaders, given position, direction and
+ * type; false when its casters are so near that it had to shrink. */
+bool emitter_fit(const struct view *view, enum light_shape shape, const float half_size[2],
+                 const float side[3], struct light_gpu *light);
+/* Cells along a tile's side that the view needs when every light of it has a size: one photon per cell is the
+ * least, and large footprints need few. settings.cells otherwise. */
+uint32_t emitter_cells(const struct view *view);
+bool emitter_uses_samples(const struct view *view);
+/* soft=auto measures: while the frame is recorded, and after it was read back. */
+bool emitter_prepare(struct view *view);
+void emitter_record(struct view *view, struct gpu_frame *frame);
+void emitter_measure(struct view *view, const struct counters_gpu *counters);
+/* Half the angle under which a caster sees the emitter. */
+float emitter_angle(const struct light_gpu *light);
+/* How much wider a cone about the casters, as seen from the light's middle, has to be for every part of it.
+ */
+float emitter_widening(const struct view *view, const struct light_gpu *light);
 
 /* A pass: `prepare` asks for buffers, `record` records. */
 bool gbuffer_prepare(struct view *view);

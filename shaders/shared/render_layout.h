@@ -30,6 +30,7 @@
 #define FEATURE_BEAUTY        (1u << 12) /* somebody asked for direct light */
 #define FEATURE_TEXTURED_FLUX (1u << 13) /* photons carry the albedo they meet: aa=pixel */
 #define FEATURE_CHAINS        (1u << 14) /* somebody looks through glass and mirrors */
+#define FEATURE_SOFT          (1u << 20) /* some light is a sphere, disk or rectangle */
 #define FEATURE_LOOKUP        (1u << 24) /* and wants to see caustics there */
 #define FEATURE_BRANCHES      (1u << 25) /* and both branches of the first glass */
 #define FEATURE_NESTED        (1u << 30) /* solids overlap: rays keep a list of those they are in */
@@ -80,6 +81,11 @@ SHARED_SIZE(material_gpu, 80);
 #define LIGHT_TYPE_DIRECTIONAL 2
 #define LIGHT_TYPE_COSINE      3 /* spot-like: I cos(theta) in the half space */
 
+#define EMITTER_POINT     0 /* enum light_shape */
+#define EMITTER_SPHERE    1
+#define EMITTER_DISK      2
+#define EMITTER_RECTANGLE 3
+
 #define TILE_CAP    0 /* spherical cap: concentric map to the disk, equal area to the cap */
 #define TILE_SPHERE 1 /* equal-area octahedron */
 #define TILE_RECT   2 /* rectangle across a directional light's beam */
@@ -97,10 +103,15 @@ struct light_gpu {
     uint has_previous;
     vec4 old_x, old_y, old_z, old_origin; /* last frame's tile, for the remap */
     uint old_map;
-    uint medium; /* list of the solids it is in (media.glsl) */
-    uint pad0, pad1;
+    uint medium;       /* list of the solids it is in (media.glsl) */
+    uint shape;        /* EMITTER_*; not a point: the tile holds points at pivot distance, which every part of
+                          the emitter sends its light to, not directions */
+    uint emitter_side; /* strata along a side of the emitter, a power of two; 1: one, its size left to
+                          differentials */
+    vec4 emitter_x;    /* half axis, m; w: pivot distance, m */
+    vec4 emitter_y;    /* half axis, m; w: radius of the whole about the position, m */
 };
-SHARED_SIZE(light_gpu, 208);
+SHARED_SIZE(light_gpu, 240);
 
 /* A world box that holds part of a caster. */
 struct caster_box {
@@ -168,6 +179,12 @@ struct photon_ray {
 };
 SHARED_SIZE(photon_ray, 112);
 
+/* Beside a ray's own differential, in a list of its own for scenes that have such lights or materials:
+ * columns of six floats (change of the origin, change of the direction) whose sum of squares is the
+ * covariance of what spreads a photon beyond its stratum. A column c adds c c^T to a footprint, whose kernel
+ * has a sixth of it for variance. */
+#define SPREAD_EMITTER 0 /* first of two columns: over the emitter */
+
 /* A stored photon, ready to be drawn, 80 bytes. For a pixel at offset o from `center`, on its tangent plane,
  * r^2 = |U o|^2 / (1 + w.o)^2 is the squared radius in its ellipse: exact under perspective. */
 struct photon {
@@ -207,6 +224,10 @@ SHARED_SIZE(photon, 80);
 #define FATE_BUFFER             12
 #define FATE_COUNT              13
 #define FATE_NONE               15
+
+/* Sums that are no flux, in the ledger's last places: irradiance, see soft_compare.comp. */
+#define SUM_SOFT_DIFFERENCE 13
+#define SUM_SOFT_TOTAL      14
 
 /* Counts beside the ledger. */
 #define COUNT_EMITTED            0

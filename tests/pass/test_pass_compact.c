@@ -254,7 +254,9 @@ static void run_compact(struct line_up *l, uint32_t parity)
                                            {BINDING_PASS + 5, GPU_READ, totals, sizeof totals},
                                            {BINDING_PASS + 6, GPU_WRITE, l->next, sizeof l->next},
                                            {BINDING_PASS + 7, GPU_WRITE, l->photons, sizeof l->photons},
-                                           {BINDING_PASS + 8, GPU_READ, l->tree, sizeof l->tree})});
+                                           {BINDING_PASS + 8, GPU_READ, l->tree, sizeof l->tree},
+                                           {BINDING_PASS + 9, GPU_WRITE, NULL, 0},
+                                           {BINDING_PASS + 10, GPU_READ, NULL, 0})});
 }
 
 static double sum3(vec4 v)

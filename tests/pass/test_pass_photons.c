@@ -340,27 +340,29 @@ static void run_bounce(struct bounce *b)
     b->counters.stride[0] = 2;
     uint32_t texels[2] = {0};
     pass_device_run(
-        device, &(struct pass_run){
-                    .shader = "photon_trace.comp.bvh",
-                    .features = b->features,
-                    .split = b->rule,
-                    .has_push = true,
-                    .threads = b->count,
-                    PASS_LISTS({BINDING_NODES, GPU_READ, gpu_nodes, sizeof gpu_nodes},
-                               {BINDING_TRIANGLES, GPU_READ, gpu_triangles, sizeof gpu_triangles},
-                               {BINDING_INSTANCES, GPU_READ, gpu_instances, sizeof gpu_instances},
-                               {BINDING_VERTICES, GPU_READ, gpu_vertices, sizeof gpu_vertices},
-                               {BINDING_INDICES, GPU_READ, gpu_indices, sizeof gpu_indices},
-                               {BINDING_MATERIALS, GPU_READ, materials, sizeof materials},
-                               {BINDING_TEXELS, GPU_READ, texels, sizeof texels},
-                               {BINDING_FRAME, GPU_READ, &b->frame, sizeof b->frame},
-                               {BINDING_PASS, GPU_READ_WRITE, &b->counters, sizeof b->counters},
-                               {BINDING_PASS + 1, GPU_READ_WRITE, b->rays, b->count * sizeof *b->rays},
-                               {BINDING_PASS + 2, GPU_WRITE, b->children, 2 * b->count * sizeof *b->children},
-                               {BINDING_PASS + 3, GPU_READ, queue, b->count * 4},
-                               {BINDING_PASS + 4, GPU_WRITE, b->outcomes, b->count * 4},
-                               {BINDING_PASS + 5, GPU_WRITE, b->totals, (b->count / GROUP_SIZE + 1) * 8},
-                               {BINDING_PASS + 6, GPU_READ, b->thinning, 16 * 4})});
+        device,
+        &(struct pass_run){
+            .shader = "photon_trace.comp.bvh",
+            .features = b->features,
+            .split = b->rule,
+            .has_push = true,
+            .threads = b->count,
+            PASS_LISTS({BINDING_NODES, GPU_READ, gpu_nodes, sizeof gpu_nodes},
+                       {BINDING_TRIANGLES, GPU_READ, gpu_triangles, sizeof gpu_triangles},
+                       {BINDING_INSTANCES, GPU_READ, gpu_instances, sizeof gpu_instances},
+                       {BINDING_VERTICES, GPU_READ, gpu_vertices, sizeof gpu_vertices},
+                       {BINDING_INDICES, GPU_READ, gpu_indices, sizeof gpu_indices},
+                       {BINDING_MATERIALS, GPU_READ, materials, sizeof materials},
+                       {BINDING_TEXELS, GPU_READ, texels, sizeof texels},
+                       {BINDING_FRAME, GPU_READ, &b->frame, sizeof b->frame},
+                       {BINDING_PASS, GPU_READ_WRITE, &b->counters, sizeof b->counters},
+                       {BINDING_PASS + 1, GPU_READ_WRITE, b->rays, b->count * sizeof *b->rays},
+                       {BINDING_PASS + 2, GPU_WRITE, b->children, 2 * b->count * sizeof *b->children},
+                       {BINDING_PASS + 3, GPU_READ, queue, b->count * 4},
+                       {BINDING_PASS + 4, GPU_WRITE, b->outcomes, b->count * 4},
+                       {BINDING_PASS + 5, GPU_WRITE, b->totals, (b->count / GROUP_SIZE + 1) * 8},
+                       {BINDING_PASS + 6, GPU_READ, b->thinning, 16 * 4},
+                       {BINDING_PASS + 7, GPU_READ_WRITE, NULL, 0}, {BINDING_PASS + 8, GPU_WRITE, NULL, 0})});
     free(queue);
 }
 

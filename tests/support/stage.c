@@ -8,19 +8,27 @@
 void stage_open(struct truth *stage, const char *scene, uint32_t width, uint32_t height, const char *settings)
 {
     struct error error = {0};
-    *stage = (struct truth){.width = width, .height = height};
+    struct scene *opened = scene_open(scene, &error);
+    if (!opened)
+        fail_msg("%s: %s", scene, error.message);
+    stage_open_scene(stage, opened, width, height, settings);
+}
+
+void stage_open_scene(struct truth *stage, struct scene *scene, uint32_t width, uint32_t height,
+                      const char *settings)
+{
+    struct error error = {0};
+    *stage = (struct truth){.width = width, .height = height, .scene = scene};
     if (gpu_list(NULL, 0) == 0)
         skip_program("there is no Vulkan device");
-    stage->scene = scene_open(scene, &error);
-    if (stage->scene)
-        stage->gpu = gpu_create(&(struct gpu_params){0}, &error);
+    stage->gpu = gpu_create(&(struct gpu_params){0}, &error);
     if (stage->gpu)
         stage->renderer =
             renderer_create(&(struct renderer_params){.gpu = stage->gpu, .scene = stage->scene}, &error);
     if (stage->renderer)
         stage->view = view_create(stage->renderer, width, height, &error);
     if (!stage->view)
-        fail_msg("%s: %s", scene, error.message);
+        fail_msg("%s: %s", scene->name, error.message);
     truth_set(stage, settings);
 }
 

@@ -10,6 +10,10 @@
 void stage_open(struct truth *stage, const char *scene, uint32_t width, uint32_t height,
                 const char *settings);
 
+/* The same of a scene made by hand, which the stage takes. */
+void stage_open_scene(struct truth *stage, struct scene *scene, uint32_t width, uint32_t height,
+                      const char *settings);
+
 /* The value of a statistic by its name; false when there is none of that name. */
 bool stage_stat(const struct frame_result *result, const char *name, double *value);
 
