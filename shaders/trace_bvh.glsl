@@ -176,6 +176,7 @@ void bvh_lane_trace(vec3 origin, vec3 direction, bool any, inout trace_hit hit)
                 break;
             uint first = data.bvh_triangle + (reference & BVH_INDEX_MASK);
             uint last = first + ((reference >> BVH_COUNT_SHIFT) & BVH_COUNT_MASK);
+            steps += last - first + 1u;
             for (uint i = first; i <= last; i++) {
                 bvh_triangle triangle = bvh_triangles[i];
                 if (!TRACE_IS_EXCLUDED(instance) &&
@@ -324,6 +325,7 @@ void bvh_packet_trace(vec3 origin, vec3 direction, bool any, inout trace_hit hit
                 break;
             uint first = first_triangle + (reference & BVH_INDEX_MASK);
             uint last = first + ((reference >> BVH_COUNT_SHIFT) & BVH_COUNT_MASK);
+            steps += last - first + 1u;
             for (uint i = first; i <= last; i++) {
                 uvec2 piece = bvh_triangle_pieces[i * 6u + min(packet_lane(), 5u)];
                 vec3 p0 = vec3(packet_float(piece.x, 0u), packet_float(piece.y, 0u), packet_float(piece.x, 1u));

@@ -23,10 +23,11 @@
  * where the surface-area heuristic would go deeper: 2^26 triangles still fit. */
 #define BVH_MAX_DEPTH 31
 
-/* Steps after which a ray is given up, so that a damaged node cannot hang the device; ordinary rays take
- * hundreds. Mesa 22.3's lavapipe ends all loops of a shader by itself, silently, after 65,535 rounds
- * together: this must come first. */
-#define BVH_MAX_STEPS 16384u
+/* Nodes and triangles together after which a ray is given up, so that a damaged node cannot hang the device;
+ * ordinary rays take hundreds. Mesa 22.3's lavapipe ends all loops of a shader by itself, silently, after
+ * 65,535 rounds together, those of up to three rays and of the ledger among them: this must come first. A
+ * leaf takes a round more than it has triangles. */
+#define BVH_MAX_STEPS 8192u
 
 /* Two children with their boxes on a grid over the tree, 16 bits a plane, rounded outward: a node is read as
  * eight words, one for each lane of a packet. A span holds the minimum in its low and the maximum in its high
