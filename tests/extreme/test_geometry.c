@@ -11,15 +11,6 @@
 #define WIDTH  96
 #define HEIGHT 72
 
-static bool plan_uses(const struct frame_result *result, const char *name)
-{
-    for (uint32_t i = 0; i < result->plan_count; i++)
-        if (!strcmp(result->plan[i].name, name))
-            return result->plan[i].is_used;
-    fail_msg("the plan has no line %s", name);
-    return false;
-}
-
 /* A glass ball over a floor, the lamp's intensity scaled so that irradiances stay. `extra` adds to it. */
 static void open_ball(struct truth *stage, const struct scenery_params *params, struct vec3 baked,
                       void (*extra)(struct scene_builder *))
@@ -81,7 +72,7 @@ static void sizes_and_places(void **state)
         double flux;
         open_ball(&stage, &cases[i].params, vec3_make(0, 0, 0), NULL);
         float *here = picture_of(&stage, &flux);
-        assert_true(plan_uses(truth_render(&stage, 1, 1u << CHANNEL_DEPTH), "full precision"));
+        assert_true(scenery_plan_uses(truth_render(&stage, 1, 1u << CHANNEL_DEPTH), "full precision"));
         truth_close(&stage);
         double error = difference(here, there);
         print_message("scale %g, moved %g m: relative L1 %.2e, flux off by %.1e\n",
@@ -141,7 +132,7 @@ static void far_vertices_are_told(void **state)
         struct truth stage;
         open_ball(&stage, NULL, vec3_make(cases[i].distance, 0, 0), NULL);
         const struct frame_result *result = truth_render(&stage, 1, 1u << CHANNEL_CAUSTICS);
-        assert_true(plan_uses(result, "full precision") == cases[i].is_fine);
+        assert_true(scenery_plan_uses(result, "full precision") == cases[i].is_fine);
         struct measure_image image = {truth_channel(result, CHANNEL_CAUSTICS), WIDTH, HEIGHT, 3};
         assert_int_equal(measure_non_finite(&image), 0);
         struct scene_extent extent;

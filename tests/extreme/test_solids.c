@@ -24,15 +24,6 @@ static void place_ball(struct scene_builder *builder, uint32_t material, double 
     scenery_place(builder, shape_icosphere(builder, "ball", material, vec3_make(0, height, 0), radius, 5));
 }
 
-static bool plan_uses(const struct frame_result *result, const char *name)
-{
-    for (uint32_t i = 0; i < result->plan_count; i++)
-        if (!strcmp(result->plan[i].name, name))
-            return result->plan[i].is_used;
-    fail_msg("the plan has no line %s", name);
-    return false;
-}
-
 /* Irradiance averaged over the floor within `radius` of the origin, by area; all of it must be seen. */
 static double floor_mean(const struct truth *stage, const struct frame_result *result, double radius)
 {
@@ -77,8 +68,8 @@ static void a_glass_ball_in_water(void **state)
     scenery_open(&stage, &builder, &camera, 160, 120, "photons=65536 kappa=4");
     const struct frame_result *result =
         truth_render(&stage, 3, 1u << CHANNEL_IRRADIANCE | 1u << CHANNEL_DEPTH);
-    assert_true(plan_uses(result, "nested solids"));
-    assert_false(plan_uses(result, "contacts"));
+    assert_true(scenery_plan_uses(result, "nested solids"));
+    assert_false(scenery_plan_uses(result, "contacts"));
 
     /* The rim of the shadow is left out: footprints there are wider than the gap between light and dark. */
     enum { RINGS = 7 };
@@ -154,7 +145,7 @@ static double plate_transmittance(double water_top, double angle, const char *us
         scenery_camera(&builder, vec3_make(0, 0.35, 0), vec3_make(0, 0, 0), vec3_make(0, 0, -1), 70);
     scenery_open(&stage, &builder, &camera, 32, 32, "photons=131072 kappa=16 density=uniform jitter=1");
     const struct frame_result *result = truth_render(&stage, 1, 1u << CHANNEL_IRRADIANCE);
-    assert_true(plan_uses(result, used));
+    assert_true(scenery_plan_uses(result, used));
     double mean = floor_mean(&stage, result, 0.2);
     truth_close(&stage);
     return mean / (irradiance * cos(angle));
@@ -319,7 +310,7 @@ static void glass_that_lies_in_the_floor(void **state)
         scenery_camera(&builder, vec3_make(0, 2, 3), vec3_make(0, 0, 0), vec3_make(0, 1, 0), 40);
     scenery_open(&stage, &builder, &camera, 32, 32, "photons=65536");
     const struct frame_result *result = truth_render(&stage, 1, 1u << CHANNEL_IRRADIANCE);
-    assert_true(plan_uses(result, "contacts"));
+    assert_true(scenery_plan_uses(result, "contacts"));
     const double *s = result->stats;
     double entering = s[STAT_flux_emitted] - s[STAT_flux_direct];
     double landed = s[STAT_flux_splatted] + s[STAT_flux_culled_visibility];

@@ -91,6 +91,49 @@ void scenery_floor(struct scene_builder *builder, double side)
     scenery_place(builder, shape_floor(builder, "floor", scenery_diffuse(builder), vec3_make(0, 0, 0), side));
 }
 
+void scenery_dish(struct scene_builder *builder, uint32_t material, const struct scenery_dish *dish)
+{
+    uint32_t first_vertex = builder->scene->vertex_count, first_index = builder->scene->index_count;
+    uint32_t around = dish->segments, count = dish->rings * around;
+    struct scene_vertex *vertices = scene_builder_vertices(builder, 1 + count);
+    uint32_t *indices = scene_builder_indices(builder, 3 * around + 6 * (dish->rings - 1) * around);
+    double side = dish->looks_down ? -1 : 1;
+    for (uint32_t i = 0; vertices && i <= count; i++) { /* the middle, then ring after ring */
+        double radius = i ? dish->radius * ((i - 1) / around + 1) / dish->rings : 0;
+        double angle = 2 * 3.14159265358979323846 * ((i ? i - 1 : 0) % around) / around,
+               slope = dish->slope(radius);
+        vec3_store(vertices[i].position,
+                   vec3_make(radius * cos(angle), dish->height(radius), radius * sin(angle)));
+        vec3_store(
+            vertices[i].normal,
+            vec3_scale(vec3_unit(vec3_make(-slope * cos(angle), 1, -slope * sin(angle)), vec3_make(0, 1, 0)),
+                       side));
+    }
+    for (uint32_t ring = 0; indices && ring < dish->rings; ring++)
+        for (uint32_t k = 0; k < around; k++) {
+            uint32_t next = (k + 1) % around, outer = 1 + ring * around, inner = outer - around;
+            uint32_t corners[6] = {outer + k, inner + k, inner + next, outer + k, inner + next, outer + next};
+            if (ring == 0) {
+                *indices++ = 0;
+                *indices++ = outer + next;
+                *indices++ = outer + k;
+                continue;
+            }
+            for (int i = 0; i < 6; i++)
+                *indices++ = corners[i];
+        }
+    scenery_place(builder, scene_builder_mesh(builder, "dish", material, first_vertex, first_index));
+}
+
+bool scenery_plan_uses(const struct frame_result *result, const char *name)
+{
+    for (uint32_t i = 0; i < result->plan_count; i++)
+        if (!strcmp(result->plan[i].name, name))
+            return result->plan[i].is_used;
+    fail_msg("the plan has no line %s", name);
+    return false;
+}
+
 struct view_camera scenery_camera(struct scene_builder *builder, struct vec3 eye, struct vec3 at,
                                   struct vec3 up, double fov_degrees)
 {

@@ -33,6 +33,19 @@ void scenery_sun(struct scene_builder *builder, struct vec3 direction, double ir
 /* A white floor at y = 0 of that side around the origin. */
 void scenery_floor(struct scene_builder *builder, double side);
 
+/* A surface of revolution about the y axis, height(radius) up to `radius`, with exact normals that point up
+ * (or down). The slope is the height's derivative. */
+struct scenery_dish {
+    double (*height)(double radius), (*slope)(double radius);
+    double radius;
+    uint32_t rings, segments;
+    bool looks_down;
+};
+void scenery_dish(struct scene_builder *builder, uint32_t material, const struct scenery_dish *dish);
+
+/* Whether the plan has this line in use; fails the test when it has no such line. */
+bool scenery_plan_uses(const struct frame_result *result, const char *name);
+
 /* The camera as a node of the scene, and as the stage's own (unscaled). */
 struct view_camera scenery_camera(struct scene_builder *builder, struct vec3 eye, struct vec3 at,
                                   struct vec3 up, double fov_degrees);
