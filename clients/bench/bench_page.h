@@ -3,7 +3,7 @@
 #define CAUSTIC_BENCH_PAGE_H
 
 #include "compare.h"
-#include "reference.h"
+#include "bench_reference.h"
 
 struct bench_page_params {
     const struct bench_config *config;

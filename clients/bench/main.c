@@ -157,7 +157,7 @@ static void print_summary(const struct run *run)
         bench_result_name(result, NULL, name, sizeof name);
         printf("  %-12s %-44s %10.3f %7.1f %% %10.0f %10.5f\n", result->scene, *name ? name : "defaults",
                result->gpu_ns.median * 1e-6,
-               100 * (result->gpu_ns.high - result->gpu_ns.low) / result->gpu_ns.median,
+               100 * (result->gpu_ns.high - result->gpu_ns.low) / fmax(result->gpu_ns.median, 1),
                bench_quantity(result, "photons"), bench_quantity(result, metric_names[judge]));
     }
     for (uint32_t i = 0; i < run->ordered.reference_count; i++) {
@@ -227,7 +227,7 @@ int main(int argc, char **argv)
     int status = execute(&run, &error);
     if (status > EXIT_WORSE)
         fprintf(stderr, "caustic-bench: %s\n%s", error.message,
-                run.results.count > 0 && status == EXIT_FAILED
+                run.measured + run.kept > 0 && status == EXIT_FAILED
                     ? "caustic-bench: finished points are kept; the same command goes on from there\n"
                     : "");
     bench_results_free(&run.results);

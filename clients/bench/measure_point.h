@@ -3,7 +3,7 @@
 #define CAUSTIC_BENCH_MEASURE_POINT_H
 
 #include "../lib/progress.h"
-#include "reference.h"
+#include "bench_reference.h"
 
 /* Names the point without rendering anything: scene, settings and key of *result. */
 void point_describe(const struct session *session, const struct bench_reference *reference,

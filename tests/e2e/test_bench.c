@@ -8,7 +8,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include "clients/bench/reference.h"
+#include "clients/bench/bench_reference.h"
 #include "core/image/image_io.h"
 #include "core/measure/image_measure.h"
 #include "tests/support/check.h"
@@ -259,6 +259,13 @@ static void what_is_wrong_is_named(void **state)
         int status = run_fake(cases[i].arguments);
         if (status != cases[i].status || !strstr(output, cases[i].expected))
             fail_msg("%s ended with %d and said:\n%s", cases[i].arguments, status, output);
+    }
+    /* A disk that is full when the first point is kept. */
+    if (access("/dev/full", W_OK) == 0) {
+        mkdir(in_folder("full"), 0777);
+        assert_int_equal(symlink("/dev/full", in_folder("full/results.json.part")), 0);
+        assert_int_equal(run_fake("--scene cube --metric rell1 --out full"), 3);
+        assert_said("full/results.json: No space left on device");
     }
     assert_int_equal(run_fake("--scene cube --metric rell1 --out corrupt --fresh"), 0);
     assert_int_equal(run("--connect unix:/nowhere/socket --out x"), 3);

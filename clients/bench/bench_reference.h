@@ -1,4 +1,4 @@
-/* reference.h: the picture that points are compared with.
+/* bench_reference.h: the picture that points are compared with.
  *
  * Made by the server's accumulate mode, aa=pixel and density=uniform: many jittered frames, every photon in
  * the one pixel that sees it. Two halves with seeds of their own grow until what they differ by says that

@@ -1,4 +1,4 @@
-#include "reference.h"
+#include "bench_reference.h"
 
 #include <math.h>
 #include <stdio.h>
