@@ -21,7 +21,7 @@ layout(std430, binding = BINDING_PASS + 1) writeonly buffer target_buffer { targ
 layout(std430, binding = BINDING_PASS + 2) writeonly buffer chain_buffer { chain_point chains[]; };
 layout(std430, binding = BINDING_PASS + 3) writeonly buffer weight_buffer { vec4 weights[]; };
 
-const float REACH_MAX = 8.0; // of a pixel's axes on a surface, against the same distance seen straight
+const float REACH_MAX = 4.0; // of a pixel's axes on a surface, against the same distance seen straight
 const float STRETCH_MAX = 4.0; // and of one against the other
 const float BRANCH_SHARE_MIN = 1e-3; // of the light at the first glass, for the weaker branch to be followed
 

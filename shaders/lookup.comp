@@ -20,6 +20,12 @@ layout(std430, binding = BINDING_PASS + 6) buffer sum_buffer { uint sums[]; };
 layout(std430, binding = BINDING_PASS + 7) buffer photon_buffer { photon photons[]; };
 #include "lookup_give.glsl"
 
+bool is_block_marked(ivec3 block, uint scale, uint level)
+{
+    uint mark = block_mark(block, scale, level);
+    return (marks[mark >> 5] & (1u << (mark & 31u))) != 0u;
+}
+
 // May there be points of this level in the box? Asks for the at most eight blocks of the smallest fitting size.
 bool is_marked(vec3 low, vec3 high, uint level)
 {
@@ -34,8 +40,7 @@ bool is_marked(vec3 low, vec3 high, uint level)
     last >>= scale;
     ivec3 block = first;
     for (;;) {
-        uint mark = block_mark(block, scale, level);
-        if ((marks[mark >> 5] & (1u << (mark & 31u))) != 0u)
+        if (is_block_marked(block, scale, level))
             return true;
         if (++block.x > last.x) {
             block.x = first.x;
@@ -65,6 +70,21 @@ uint find_cell(ivec3 cell, uint level)
 // Cells found and not yet visited. Global: arrays that are handed to functions are copied (docs/drivers.md).
 const uint HELD_MAX = 16u;
 uvec2 held_cells[HELD_MAX];
+// Points that passed is_near: few do, so what is dear is done for several lanes together.
+const uint NEAR_MAX = 16u;
+uint near_points[NEAR_MAX];
+
+// May the photon reach the point? As if the pixel's filter were as wide as its reach all round.
+bool is_near(uint point)
+{
+    vec3 offset = sorted[point].position_normal.xyz - giver.position;
+    float reach2 = axes_reach(sorted[point].axes);
+    reach2 *= reach2 * 1.0001;
+    vec2 o = vec2(dot(offset, giver.t1), dot(offset, giver.t2));
+    float cxx = giver.covariance.x + reach2, cxy = giver.covariance.y, cyy = giver.covariance.z + reach2;
+    gave.tested++;
+    return cyy * o.x * o.x - 2.0 * cxy * o.x * o.y + cxx * o.y * o.y < cxx * cyy - cxy * cxy;
+}
 
 void walk()
 {
@@ -159,24 +179,30 @@ void walk()
                 cell[k] = int(floor((middle - spread) / size));
                 depth_end = int(floor((middle + spread) / size));
             }
-            uint slot = find_cell(cell, level);
+            uint slot = is_block_marked(cell, 0u, level) ? find_cell(cell, level) : NONE;
             if (slot != NONE)
                 held_cells[held++] = uvec2(cells[slot].first, cells[slot].count);
             rounds++;
         }
         uint at = 0u, point = 0u, point_end = 0u;
-        for (;;) {
-            if (point == point_end) {
-                if (at == held)
-                    break;
-                point = held_cells[at].x;
-                point_end = point + held_cells[at].y;
-                at++;
+        do {
+            uint near = 0u;
+            while (near < NEAR_MAX) {
+                if (point == point_end) {
+                    if (at == held)
+                        break;
+                    point = held_cells[at].x;
+                    point_end = point + held_cells[at].y;
+                    at++;
+                }
+                if (is_near(point))
+                    near_points[near++] = point;
+                point++;
+                rounds++;
             }
-            give(sorted[point], point);
-            point++;
-            rounds++;
-        }
+            for (uint n_th = 0u; n_th < near; n_th++)
+                give(sorted[near_points[n_th]], near_points[n_th]);
+        } while (point != point_end || at != held);
         if (rounds > LOOKUP_ROUNDS_MAX && walks) {
             walks = false;
             gave.guard++;

@@ -36,7 +36,6 @@ void give_begin(bool is_looked_up, uint index)
 
 void give(chain_point point, uint place)
 {
-    gave.tested++;
     float k = lookup_kernel(point.position_normal.xyz - giver.position, giver.normal, giver.t1, giver.t2, giver.covariance,
                             floatBitsToUint(point.position_normal.w), point.axes);
     if (k > 0.0) {

@@ -63,7 +63,7 @@ void insert(uint number)
                 atomicOr(lookup.levels, 1u << level);
             }
             ivec3 cell = cell_of(point.position_normal.xyz, level_size(level));
-            for (uint scale = 1u; scale <= LOOKUP_BLOCK_MAX; scale += 2u) {
+            for (uint scale = 0u; scale <= LOOKUP_BLOCK_MAX; scale += scale == 0u ? 1u : 2u) {
                 uint mark = block_mark(cell >> scale, scale, level);
                 atomicOr(marks[mark >> 5], 1u << (mark & 31u));
             }

@@ -48,12 +48,18 @@ static uint32_t add_looking(struct scene_builder *builder, const char *name, str
     return scene_builder_node(builder, &node);
 }
 
-static void add_camera(struct scene_builder *builder, struct vec3 eye, struct vec3 at, double fov_degrees)
+static void add_camera_named(struct scene_builder *builder, const char *name, struct vec3 eye, struct vec3 at,
+                             double fov_degrees)
 {
     struct scene_camera camera = {.yfov = (float)(fov_degrees * PI / 180)};
-    scene_name_copy(camera.name, "camera");
+    scene_name_copy(camera.name, name);
     camera.node = add_looking(builder, camera.name, eye, at);
     scene_builder_camera(builder, &camera);
+}
+
+static void add_camera(struct scene_builder *builder, struct vec3 eye, struct vec3 at, double fov_degrees)
+{
+    add_camera_named(builder, "camera", eye, at, fov_degrees);
 }
 
 static void add_lamp(struct scene_builder *builder, struct vec3 position, double intensity)
@@ -167,6 +173,8 @@ void builtin_square(struct scene_builder *builder)
     place(builder, "gem", shape_gem(builder, "gem", glass, vec3_make(0.85, 0.47, 0.15), 0.36, 11));
     add_lamp(builder, vec3_make(0.2, 2.4, -1.3), 18);
     add_camera(builder, vec3_make(0, 2.3, 3.6), vec3_make(0, 0.25, 0.15), 36);
+    /* The thesis' second view: from behind the glass, through which the caustics are seen. */
+    add_camera_named(builder, "behind", vec3_make(0.35, 0.95, -2.9), vec3_make(0, 0.3, 0.4), 36);
 }
 
 void builtin_cornell(struct scene_builder *builder)
@@ -221,4 +229,6 @@ void builtin_pool(struct scene_builder *builder)
                       sizeof ripples / sizeof *ripples));
     add_lamp(builder, vec3_make(0.5, 3.2, -0.4), 25);
     add_camera(builder, vec3_make(1.75, 1.15, 1.75), vec3_make(-0.5, 0.1, -0.5), 62);
+    /* The thesis' second view: everything is seen through the water. */
+    add_camera_named(builder, "above", vec3_make(1.6, 4.6, 3), vec3_make(0, 0, 0), 42);
 }

@@ -10,7 +10,7 @@
 
 /* A cell is at least this many times as wide as the pixel filter of its points reaches, and less than twice
  * as wide. */
-#define LOOKUP_CELL_REACH 1.5f
+#define LOOKUP_CELL_REACH 3.0f
 
 /* Levels of the grid: cells of frame.lookup_base * 2^level. */
 #define LOOKUP_LEVELS 32

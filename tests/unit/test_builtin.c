@@ -224,7 +224,8 @@ static void test_lights_and_cameras(void **state)
         struct scene *scene = make(builtin_scenes[s].name);
         bool is_empty = !strcmp(builtin_scenes[s].name, "empty");
         assert_int_equal(scene->light_count, is_empty ? 0 : 1);
-        assert_int_equal(scene->camera_count, is_empty ? 0 : 1);
+        bool has_second_view = !strcmp(scene->name, "square") || !strcmp(scene->name, "pool");
+        assert_int_equal(scene->camera_count, is_empty ? 0 : has_second_view ? 2 : 1);
         assert_int_equal(scene->warning_count, 0);
         if (!is_empty) {
             assert_string_equal(scene->lights[0].name, strcmp(scene->name, "prism") ? "lamp" : "sun");
@@ -253,6 +254,8 @@ static void test_pool(void **state)
     assert_non_null(pose);
     assert_true(pose->lights[0].position[1] > water->bounds_max[1]);
     assert_true(pose->cameras[0].eye[1] < water->bounds_min[1]);
+    assert_string_equal(scene->cameras[1].name, "above");
+    assert_true(pose->cameras[1].eye[1] > walls->bounds_max[1]);
     assert_true(water->bounds_max[0] > 2 && water->bounds_max[0] < walls->bounds_max[0]);
     assert_true(water->bounds_min[2] < -2 && water->bounds_min[2] > walls->bounds_min[2]);
     assert_true(water->bounds_max[1] < walls->bounds_max[1]);
