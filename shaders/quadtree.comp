@@ -31,9 +31,9 @@ void main()
             density[node] = d; // what the next frame starts from is what was really used
             uint k = max(uint(sqrt(d)), 1u);
             // What a cell's photons report jumps with k, so that a cell near a square could go back and forth
-            // between two of them for ever. At rest k only falls: a sequence that has to end.
+            // between two of them for ever. At rest k stays; all of them were within the budget together.
             if ((frame.flags & FLAG_HOLD) != 0u)
-                k = clamp(uint(sqrt(float(tree[node])) + 0.5), 1u, k);
+                k = max(uint(sqrt(float(tree[node])) + 0.5), 1u);
             value = k * k;
         }
     } else {

@@ -157,7 +157,7 @@ SHARED_SIZE(frame_gpu, 368);
 #define FLAG_CASTER_MASK      (1u << 1)
 #define FLAG_RADIANCE_SCALING (1u << 2)
 #define FLAG_HAS_PREVIOUS     (1u << 3) /* last frame's irradiance is there */
-#define FLAG_HOLD             (1u << 4) /* the view is at rest: cells may lose samples, not gain them */
+#define FLAG_HOLD             (1u << 4) /* the view is at rest: cells keep their samples */
 
 /* ---- photons ------------------------------------------------------------------------------------------- */
 
