@@ -294,6 +294,7 @@ struct renderer *renderer_create(const struct renderer_params *params, struct er
     photons = photons / 4096 * 4096;
     r->limits.max_photons = (uint32_t)fmin((double)photons, setting_infos[SETTING_photons].maximum);
     const struct scene *scene = r->scene;
+    r->limits.min_photons = scene->light_count > 0 ? scene->light_count : 1;
     r->top_node_capacity = 2 * scene->instance_count + 2;
     r->instance_data = calloc(scene->instance_count + 1, sizeof *r->instance_data);
     r->caster_boxes = calloc(MAX_CASTER_BOXES, sizeof *r->caster_boxes);

@@ -33,6 +33,7 @@ struct renderer_params {
 struct renderer_limits {
     uint32_t max_pixels;  /* width * height of a view on this device */
     uint32_t max_photons; /* largest `photons` setting on this device */
+    uint32_t min_photons; /* smallest: one for every light of the scene */
 };
 
 struct renderer *renderer_create(const struct renderer_params *params, struct error *error);

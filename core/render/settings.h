@@ -41,7 +41,8 @@ enum tile_fit { TILE_FIT_CASTERS, TILE_FIT_FULL };
     S(variance_gain, FLOAT, 0, 1e6, 2, "", "extra photons per cell where the picture changes over time")     \
     S(temporal_weight, FLOAT, 0, 1, 0.5, "",                                                                 \
       "w_t: share of the newly suggested density; the rest is the neighbourhood's last")                     \
-    S(min_samples, INT, 1, 64, 1, "", "photons kept in every cell that can meet a caster")                   \
+    S(min_samples, INT, 1, 64, 1, "",                                                                        \
+      "photons kept in every cell that can meet a caster, as far as a quarter of the budget goes")           \
     S(cells, INT, 16, 512, 128, "", "cells along a side of a light's tile, a power of two")                  \
     S(tile, CHOICE, 0, 1, TILE_FIT_CASTERS, "casters,full",                                                  \
       "directions a tile covers: the cap that holds the casters, or all the light's emission")               \

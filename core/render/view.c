@@ -394,6 +394,11 @@ bool view_set_setting(struct view *view, enum setting_id id, double value, struc
         value <= setting_infos[SETTING_photons].maximum)
         return error_set(error, STATUS_LIMIT, "setting 'photons' is at most %u on this device, not %.0f",
                          view->renderer->limits.max_photons, value);
+    if (id == SETTING_photons && value >= 1 && value < view->renderer->limits.min_photons)
+        return error_set(
+            error, STATUS_LIMIT,
+            "setting 'photons' is at least %u in this scene, one for each of its lights, not %.0f",
+            view->renderer->limits.min_photons, value);
     if (id == SETTING_aa && !splat_check_aa(view->renderer, (int32_t)value, error))
         return false;
     double old = settings_get(&view->settings, id);
@@ -488,15 +493,17 @@ static void fill_camera(struct view *view, struct frame_gpu *data, uint32_t subf
     c[14] = near * far / (near - far);
 }
 
-/* Every lit light gets a tile of this many cells a side, so that the least samples fit the budget. */
-static uint32_t cells_within_budget(const struct view *view)
+/* Cells a side of every lit light's tile, and the least samples of each, so that what is kept everywhere
+ * takes at most a quarter of the budget and the rest can go where it shows. On `sphere` with 32,768 photons
+ * tiles of 128 cells, half the budget, had an error of 0.0167 and those of 64 cells 0.0125. */
+static uint32_t cells_within_budget(const struct view *view, uint32_t *min_samples)
 {
-    uint32_t cells = emitter_cells(view), lights = view->features.lit_count;
-    uint64_t side = 1;
-    while ((side + 1) * (side + 1) <= (uint64_t)view->settings.min_samples)
-        side++;
-    while (cells > 1 && (uint64_t)cells * cells * lights * side * side > (uint64_t)view->settings.photons)
+    uint32_t cells = emitter_cells(view), photons = (uint32_t)view->settings.photons;
+    uint32_t lights = view->features.lit_count;
+    uint64_t least = (uint64_t)view->settings.min_samples * lights;
+    while (cells > 1 && 4 * least * cells * cells > photons)
         cells /= 2;
+    *min_samples = least * cells * cells > photons ? photons / lights : (uint32_t)view->settings.min_samples;
     return cells;
 }
 
@@ -542,7 +549,7 @@ static void fill_frame(struct view *view, uint32_t subframe, uint32_t subframe_c
     if (s->jitter)
         data->seed ^= (uint32_t)view->frame * 0x9e3779b9u;
     data->caster_box_count = view->renderer->caster_box_count;
-    data->min_samples = (uint32_t)s->min_samples;
+    data->min_samples = view->min_samples;
     data->target_area = s->target_area;
     data->variance_gain = s->variance_gain;
     data->temporal_weight = s->temporal_weight;
@@ -805,7 +812,7 @@ static bool collect_channels(struct view *view, struct error *error)
 /* Shape of the task buffers; a change of it, or of the rule, starts them anew. */
 static void shape_task_buffers(struct view *view)
 {
-    uint32_t cells = cells_within_budget(view), slots = 1;
+    uint32_t cells = cells_within_budget(view, &view->min_samples), slots = 1;
     while (slots < view->features.light_count)
         slots *= 4;
     if (cells == view->cells && slots == view->tile_slots &&

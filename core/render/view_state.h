@@ -188,6 +188,7 @@ struct view {
     uint64_t frame;             /* frames rendered */
     uint32_t subframe;          /* rendered since the last reset: parity of the ping-pong buffers */
     uint32_t cells, tile_slots; /* the task buffers' shape; 0: none yet */
+    uint32_t min_samples;       /* what the budget allows of the setting */
     bool has_density, has_feedback, has_previous;
     uint32_t still_frames; /* since anything was changed about the view */
     uint32_t density_rule;
