@@ -118,10 +118,11 @@ void walk()
     if (wanted == 0u)
         return;
     float finest = level_size(uint(findLSB(wanted)));
-    float most = float(LOOKUP_WALK_MAX) * finest * finest, box = 4.0 * sqrt(dii * djj);
-    if (box > most) {
-        float shrink = most / box;
-        giver.covariance.xyz *= shrink;
+    float box = 4.0 * sqrt(dii * djj) / (finest * finest) * (2.0 + 2.0 * c.w / (across[k] * finest));
+    if (box > float(LOOKUP_WALK_MAX)) {
+        float shrink = float(LOOKUP_WALK_MAX) / box;
+        c *= vec4(vec3(shrink), sqrt(shrink));
+        giver.covariance = c;
         dii *= shrink;
         dij *= shrink;
         djj *= shrink;

@@ -22,11 +22,13 @@
 #define LOOKUP_BLOCK_MAX  7
 #define LOOKUP_MARK_WORDS 16384 /* a power of two */
 
-/* Cells of a level that one photon may walk over; a larger footprint is made smaller, with its energy. */
-#define LOOKUP_WALK_MAX 4096
+/* Cells of its finest level that one photon may walk over; a larger footprint is made smaller, with its
+ * energy. */
+#define LOOKUP_WALK_MAX 2048
 
-/* Rounds of a photon's walk; Mesa 22.3's lavapipe ends loops silently after 65,535 (docs/drivers.md). */
-#define LOOKUP_ROUNDS_MAX 60000
+/* Cells and points after which a walk is ended. Each is several rounds of loops, and Mesa 22.3's lavapipe
+ * ends all loops silently after 65,535 (docs/drivers.md). */
+#define LOOKUP_ROUNDS_MAX 12000
 
 struct chain_point {
     vec4 position_normal; /* w: geometric normal on the side the chain comes from, octahedral 2x16 bits; NONE
