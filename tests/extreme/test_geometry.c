@@ -1,11 +1,13 @@
 /* Sizes, places and counts at their limits: a scene made tiny, huge and moved far away, triangles without
  * area, a single triangle and millions of them. */
 #include <string.h>
+#include <unistd.h>
 
 #include "core/measure/image_measure.h"
 #include "core/scene/bvh.h"
 #include "core/scene/extent.h"
 #include "tests/support/check.h"
+#include "tests/support/glb.h"
 #include "tests/support/scenery.h"
 #include "tests/support/truth.h"
 
@@ -142,6 +144,17 @@ static void far_vertices_are_told(void **state)
         print_message("vertices %g m from their origin: coarseness %.1e\n", cases[i].distance,
                       extent.coarseness);
         assert_true(extent.coarsest == 1);
+        /* and by the importer */
+        char path[] = "/tmp/caustic-geometry-XXXXXX.glb";
+        int file = mkstemps(path, 4);
+        assert_true(file >= 0);
+        close(file);
+        assert_true(scene_export(stage.scene, path, &error));
+        struct scene *imported = scene_import(path, &error);
+        unlink(path);
+        assert_non_null(imported);
+        assert_true(scene_warns(imported, "is small as against its distance") != cases[i].is_fine);
+        scene_destroy(&imported);
         truth_close(&stage);
     }
 }

@@ -26,6 +26,11 @@ static void ordinary_scenes_touch_no_guard(void **state)
                     fail_msg("%s: %s is %g", builtin_scenes[i].name, stat_infos[guards[g]].name,
                              result->stats[guards[g]]);
         }
+        /* what only unusual scenes need is left out */
+        const struct frame_result *result = truth_render(&stage, 1, 1u << CHANNEL_DEPTH);
+        assert_false(scenery_plan_uses(result, "nested solids"));
+        assert_false(scenery_plan_uses(result, "contacts"));
+        assert_true(scenery_plan_uses(result, "full precision"));
         truth_close(&stage);
     }
 }
