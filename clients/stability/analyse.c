@@ -157,22 +157,22 @@ static void measure_restlessness(const struct drive *drive, struct measures *mea
 /* ---- references
  * -------------------------------------------------------------------------------------------- */
 
-static void measure_noise(const struct picture *reference, const struct picture *other,
+static void measure_noise(const struct snapshot *reference, const struct snapshot *other,
                           struct measures *measures)
 {
     if (reference->rgb && other->rgb)
-        measures_set(measures, MEASURE_reference_noise, picture_rms_difference(other, reference) / sqrt(2));
+        measures_set(measures, MEASURE_reference_noise, snapshot_rms_difference(other, reference) / sqrt(2));
 }
 
-static bool measure_against(const struct drive *drive, const struct picture *picture,
-                            const struct picture *reference, struct measures *measures, struct error *error)
+static bool measure_against(const struct drive *drive, const struct snapshot *picture,
+                            const struct snapshot *reference, struct measures *measures, struct error *error)
 {
     double flip;
-    if (!reference->rgb || picture_is_black(reference))
+    if (!reference->rgb || snapshot_is_black(reference))
         return true;
-    if (!picture_flip(picture, reference, drive->exposure, &flip, error))
+    if (!snapshot_flip(picture, reference, drive->exposure, &flip, error))
         return false;
-    measures_set(measures, MEASURE_reference_error, picture_error(picture, reference));
+    measures_set(measures, MEASURE_reference_error, snapshot_error(picture, reference));
     measures_set(measures, MEASURE_reference_flip, flip);
     return true;
 }
@@ -184,18 +184,18 @@ static bool measure_pairs(const struct drive *drive, struct measures *measures, 
     for (uint32_t i = 0; i < drive->pair_count; i++) {
         const struct drive_pair *pair = &drive->pairs[i];
         struct temporal_difference difference;
-        size_t count = picture_pixels(&pair->now);
+        size_t count = snapshot_pixels(&pair->now);
         temporal_difference(pair->before.luminance, pair->now.luminance, pair->reference_before.luminance,
                             pair->reference_now.luminance, count, &difference);
         double flip;
-        if (picture_is_black(&pair->reference_now))
+        if (snapshot_is_black(&pair->reference_now))
             continue; /* the caustic is out of the picture */
-        if (!picture_flip(&pair->now, &pair->reference_now, drive->exposure, &flip, error))
+        if (!snapshot_flip(&pair->now, &pair->reference_now, drive->exposure, &flip, error))
             return false;
         squares += difference.relative * difference.relative;
         changes += difference.relative_change * difference.relative_change;
         largest = fmax(largest, difference.relative);
-        errors += picture_error(&pair->now, &pair->reference_now);
+        errors += snapshot_error(&pair->now, &pair->reference_now);
         flips += flip;
         seen++;
     }
@@ -215,10 +215,10 @@ static bool measure_pairs(const struct drive *drive, struct measures *measures, 
  * -------------------------------------------------------------------------------------------------- */
 
 /* The mean of `count` pictures. */
-static bool mean_picture(const struct picture *pictures, uint32_t count, struct picture *mean,
+static bool mean_picture(const struct snapshot *pictures, uint32_t count, struct snapshot *mean,
                          struct error *error)
 {
-    size_t values = picture_pixels(pictures) * 3;
+    size_t values = snapshot_pixels(pictures) * 3;
     float *rgb = malloc(values * sizeof *rgb);
     if (!rgb)
         return error_set(error, STATUS_MEMORY, "no memory for a picture of %zu values", values);
@@ -228,7 +228,7 @@ static bool mean_picture(const struct picture *pictures, uint32_t count, struct 
             sum += (double)pictures[k].rgb[i];
         rgb[i] = (float)(sum / count);
     }
-    return picture_make(rgb, pictures->width, pictures->height, mean, error);
+    return snapshot_make(rgb, pictures->width, pictures->height, mean, error);
 }
 
 static void measure_response(const double *remaining, uint32_t count, double worst[3])
@@ -249,7 +249,7 @@ static void set_response(const double worst[3], struct measures *measures)
 static bool measure_step_error(const struct drive *drive, uint32_t tail, struct analysis *analysis,
                                struct error *error)
 {
-    if (drive->pair_count == 0 || picture_is_black(&drive->pairs[0].reference_now))
+    if (drive->pair_count == 0 || snapshot_is_black(&drive->pairs[0].reference_now))
         return true;
     uint32_t count = drive->frames + 1;
     double *errors =
@@ -257,7 +257,7 @@ static bool measure_step_error(const struct drive *drive, uint32_t tail, struct 
     if (!errors)
         return false;
     for (uint32_t k = 0; k < count; k++)
-        errors[k] = picture_error(&drive->kept[k], &drive->pairs[0].reference_now);
+        errors[k] = snapshot_error(&drive->kept[k], &drive->pairs[0].reference_now);
     double settled = 0;
     for (uint32_t k = count - tail; k < count; k++)
         settled += errors[k] / tail;
@@ -272,8 +272,8 @@ static bool measure_step(const struct drive *drive, struct analysis *analysis, s
 {
     struct measures *measures = &analysis->measures;
     uint32_t count = drive->frames + 1, tail = drive->frames / 4;
-    const struct picture *old = &drive->kept[0];
-    size_t pixels = picture_pixels(old);
+    const struct snapshot *old = &drive->kept[0];
+    size_t pixels = snapshot_pixels(old);
     if (!mean_picture(drive->kept + count - tail, tail, &analysis->settled, error))
         return false;
     const float *settled = analysis->settled.luminance;
@@ -288,7 +288,7 @@ static bool measure_step(const struct drive *drive, struct analysis *analysis, s
     for (uint32_t k = 0; k < count; k++) {
         remaining[k] = temporal_remaining(drive->kept[k].luminance, old->luminance, settled, pixels);
         ghost[k] = temporal_ghost(drive->kept[k].luminance, old->luminance, settled, pixels, threshold);
-        if (!picture_flip(&drive->kept[k], &analysis->settled, drive->exposure, &flip[k], error))
+        if (!snapshot_flip(&drive->kept[k], &analysis->settled, drive->exposure, &flip[k], error))
             return false;
     }
     double worst[3] = {0, 0, 0};
@@ -309,18 +309,18 @@ static bool measure_alternation(const struct drive *drive, struct analysis *anal
 {
     uint32_t period = drive->base.flicker_period, turns = drive->frames / period;
     uint32_t tail = period / 4 ? period / 4 : 1;
-    struct picture first = {0}, settled = {0};
-    size_t pixels = picture_pixels(&drive->kept[1]);
+    struct snapshot first = {0}, settled = {0};
+    size_t pixels = snapshot_pixels(&drive->kept[1]);
     double worst[3] = {0, 0, 0};
     double *remaining = add_series(analysis, "remaining", "share", "of the last change, still to be made", 0,
                                    turns * period, error);
     if (!remaining || !mean_picture(drive->kept + 1 + period - tail, tail, &first, error))
         return false;
     for (uint32_t turn = 1; turn < turns; turn++) {
-        const struct picture *old = &drive->kept[turn * period], *new_pictures = old + 1;
-        picture_free(&settled);
+        const struct snapshot *old = &drive->kept[turn * period], *new_pictures = old + 1;
+        snapshot_free(&settled);
         if (!mean_picture(new_pictures + period - tail, tail, &settled, error)) {
-            picture_free(&first);
+            snapshot_free(&first);
             return false;
         }
         double response[1 + 1024] = {1};
@@ -331,12 +331,12 @@ static bool measure_alternation(const struct drive *drive, struct analysis *anal
         }
         measure_response(response, period + 1, worst);
         if (turn % 2 == 0)
-            measures_set(&analysis->measures, MEASURE_return_difference, picture_error(&settled, &first));
+            measures_set(&analysis->measures, MEASURE_return_difference, snapshot_error(&settled, &first));
     }
     set_response(worst, &analysis->measures);
     bool is_done = measure_against(drive, &first, &drive->reference, &analysis->measures, error);
-    picture_free(&first);
-    picture_free(&settled);
+    snapshot_free(&first);
+    snapshot_free(&settled);
     return is_done;
 }
 
@@ -346,7 +346,7 @@ static bool measure_alternation(const struct drive *drive, struct analysis *anal
 static bool measure_rest(const struct drive *drive, struct analysis *analysis, struct error *error)
 {
     struct measures *measures = &analysis->measures;
-    measures_set(measures, MEASURE_picture_drift, picture_error(&drive->last, &drive->first));
+    measures_set(measures, MEASURE_picture_drift, snapshot_error(&drive->last, &drive->first));
     measure_drift(drive->light + drive->warmup, drive->frames, MEASURE_light_drift,
                   MEASURE_light_drift_interval, measures);
     return measure_against(drive, &drive->last, &drive->reference, measures, error);
@@ -387,6 +387,6 @@ void analysis_free(struct analysis *analysis)
     for (uint32_t i = 0; i < analysis->series_count; i++)
         free(analysis->series[i].values);
     free(analysis->flicker_map);
-    picture_free(&analysis->settled);
+    snapshot_free(&analysis->settled);
     *analysis = (struct analysis){0};
 }

@@ -19,8 +19,8 @@ struct analysis {
     struct measures measures;
     struct analysis_series series[ANALYSIS_MAX_SERIES];
     uint32_t series_count;
-    float *flicker_map;     /* std / mean per pixel, or NULL */
-    struct picture settled; /* steps: where they end */
+    float *flicker_map;      /* std / mean per pixel, or NULL */
+    struct snapshot settled; /* steps: where they end */
 };
 
 /* Of a path that was driven to its end. */

@@ -95,7 +95,7 @@ static struct client_frame *render(struct drive *drive, uint32_t view, uint32_t 
 }
 
 /* The measured channel of a frame as a picture; takes the frame's memory. */
-static bool take_picture(const struct drive *drive, struct client_frame *frame, struct picture *picture,
+static bool take_picture(const struct drive *drive, struct client_frame *frame, struct snapshot *picture,
                          struct error *error)
 {
     for (uint32_t i = 0; i < frame->info.channel_count; i++) {
@@ -112,7 +112,7 @@ static bool take_picture(const struct drive *drive, struct client_frame *frame, 
                              drive->options->channel);
         float *rgb = frame->values[i];
         frame->values[i] = NULL;
-        return picture_make(rgb, channel->width, channel->height, picture, error);
+        return snapshot_make(rgb, channel->width, channel->height, picture, error);
     }
     return error_set(error, STATUS_IO, "the server left out channel %s", drive->options->channel);
 }
@@ -143,7 +143,7 @@ static bool find_flicker(struct drive *drive, struct error *error)
 }
 
 /* The middle of the caustic light in the world, from a picture and its depths. */
-static bool find_pivot(struct drive *drive, const struct client_frame *frame, const struct picture *picture,
+static bool find_pivot(struct drive *drive, const struct client_frame *frame, const struct snapshot *picture,
                        const float *depth, struct error *error)
 {
     size_t count = pixel_count(drive);
@@ -194,7 +194,7 @@ static bool probe(struct drive *drive, struct error *error)
 {
     struct shown shown;
     struct client_frame *frame = NULL;
-    struct picture picture = {0};
+    struct snapshot picture = {0};
     uint32_t depth, channels;
     if (!client_find_channel(drive->client, "depth", &depth, error))
         return false;
@@ -214,8 +214,8 @@ static bool probe(struct drive *drive, struct error *error)
     bool is_found =
         take_picture(drive, frame, &picture, error) && find_pivot(drive, frame, &picture, depths, error);
     if (is_found)
-        drive->exposure = picture_exposure(&picture);
-    picture_free(&picture);
+        drive->exposure = snapshot_exposure(&picture);
+    snapshot_free(&picture);
     client_frame_destroy(&frame);
     return is_found && client_view_destroy(drive->client, shown.view, error);
 }
@@ -259,22 +259,22 @@ void drive_clear(struct drive *drive)
     drive->light = drive->flip = drive->successive = NULL;
     temporal_pixels_destroy(&drive->pixels);
     for (uint32_t i = 0; drive->kept && i <= drive->frames; i++)
-        picture_free(&drive->kept[i]);
+        snapshot_free(&drive->kept[i]);
     free(drive->kept);
     drive->kept = NULL;
     for (uint32_t i = 0; i < drive->pair_count; i++) {
         struct drive_pair *pair = &drive->pairs[i];
-        picture_free(&pair->before);
-        picture_free(&pair->now);
-        picture_free(&pair->reference_before);
-        picture_free(&pair->reference_now);
+        snapshot_free(&pair->before);
+        snapshot_free(&pair->now);
+        snapshot_free(&pair->reference_before);
+        snapshot_free(&pair->reference_now);
     }
     free(drive->pairs);
     drive->pairs = NULL;
-    picture_free(&drive->first);
-    picture_free(&drive->last);
-    picture_free(&drive->reference);
-    picture_free(&drive->reference_other);
+    snapshot_free(&drive->first);
+    snapshot_free(&drive->last);
+    snapshot_free(&drive->reference);
+    snapshot_free(&drive->reference_other);
     drive->pair_count = drive->done = drive->reference_frames = 0;
     drive->frame_seconds = drive->reference_seconds = 0;
 }
@@ -334,34 +334,34 @@ static bool prepare(struct drive *drive, enum path_id path, uint32_t frames, str
 }
 
 /* Keeps of a frame what is needed of it later; the picture stays the caller's. */
-static bool keep(struct drive *drive, int64_t frame, const struct picture *picture,
-                 const struct picture *before, struct error *error)
+static bool keep(struct drive *drive, int64_t frame, const struct snapshot *picture,
+                 const struct snapshot *before, struct error *error)
 {
     uint32_t at = (uint32_t)(frame + drive->warmup), flips = drive->frames / MAX_FLIPS + 1;
-    size_t count = picture_pixels(picture);
+    size_t count = snapshot_pixels(picture);
     drive->light[at] = 0;
     for (size_t i = 0; i < count; i++)
         drive->light[at] += (double)picture->luminance[i];
     drive->light[at] /= (double)count;
     drive->flip[at] = drive->successive[at] = NAN;
     if (before->rgb) {
-        drive->successive[at] = picture_rms_difference(before, picture);
+        drive->successive[at] = snapshot_rms_difference(before, picture);
         if (drive->pixels && frame >= 0 && frame % flips == 0 &&
-            !picture_flip(picture, before, drive->exposure, &drive->flip[at], error))
+            !snapshot_flip(picture, before, drive->exposure, &drive->flip[at], error))
             return false;
     }
-    if (drive->kept && frame >= -1 && !picture_copy(picture, &drive->kept[frame + 1], error))
+    if (drive->kept && frame >= -1 && !snapshot_copy(picture, &drive->kept[frame + 1], error))
         return false;
     if (frame < 0)
         return true;
     if (drive->pixels)
         temporal_pixels_add(drive->pixels, picture->luminance);
-    if (frame == 0 && !picture_copy(picture, &drive->first, error))
+    if (frame == 0 && !snapshot_copy(picture, &drive->first, error))
         return false;
     for (uint32_t i = 0; i < drive->pair_count; i++) {
         struct drive_pair *pair = &drive->pairs[i];
         if (frame == pair->frame &&
-            (!picture_copy(before, &pair->before, error) || !picture_copy(picture, &pair->now, error)))
+            (!snapshot_copy(before, &pair->before, error) || !snapshot_copy(picture, &pair->now, error)))
             return false;
     }
     return true;
@@ -370,7 +370,7 @@ static bool keep(struct drive *drive, int64_t frame, const struct picture *pictu
 static bool take_frame(struct drive *drive, int64_t frame, struct shown *shown, struct error *error)
 {
     struct path_state state;
-    struct picture picture;
+    struct snapshot picture;
     if (!path_at(drive->path, &drive->base, frame, drive->frames, &state, error) ||
         !show(drive, shown, &state, error))
         return false;
@@ -388,7 +388,7 @@ static bool take_frame(struct drive *drive, int64_t frame, struct shown *shown, 
     if (!is_kept)
         return false;
     is_kept = keep(drive, frame, &picture, &drive->last, error);
-    picture_free(&drive->last);
+    snapshot_free(&drive->last);
     drive->last = picture;
     if (is_kept) {
         drive->done++;
@@ -398,7 +398,7 @@ static bool take_frame(struct drive *drive, int64_t frame, struct shown *shown, 
 }
 
 /* The state of `frame`, converged: in a view of its own, so that it does not depend on what went before. */
-static bool take_reference(struct drive *drive, int64_t frame, bool is_other, struct picture *picture,
+static bool take_reference(struct drive *drive, int64_t frame, bool is_other, struct snapshot *picture,
                            struct error *error)
 {
     const struct stability_options *options = drive->options;

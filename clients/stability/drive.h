@@ -10,7 +10,7 @@
 #include "../lib/client.h"
 #include "options.h"
 #include "path.h"
-#include "picture.h"
+#include "snapshot.h"
 
 /* What a path was told about itself, one value per frame. */
 enum statistic { STATISTIC_PHOTONS, STATISTIC_DENSITY, STATISTIC_DENSEST, STATISTIC_COUNT };
@@ -18,7 +18,7 @@ enum statistic { STATISTIC_PHOTONS, STATISTIC_DENSITY, STATISTIC_DENSEST, STATIS
 /* Two frames that follow one another, and the reference's of the same two states. */
 struct drive_pair {
     int64_t frame; /* the later one's number */
-    struct picture before, now, reference_before, reference_now;
+    struct snapshot before, now, reference_before, reference_now;
 };
 
 struct drive {
@@ -45,12 +45,12 @@ struct drive {
     double *flip;       /* of a frame against the one before; NAN where it was not measured */
     double *successive; /* RMS of the difference from the frame before, of this one's RMS; NAN likewise */
     struct temporal_pixels *pixels; /* of the measured frames; NULL for paths that move or step */
-    struct picture first, last;     /* measured frames */
-    struct picture *kept;           /* steps and alternations: the old picture, then every measured frame */
+    struct snapshot first, last;    /* measured frames */
+    struct snapshot *kept;          /* steps and alternations: the old picture, then every measured frame */
     struct drive_pair *pairs;
     uint32_t pair_count;
-    struct picture reference;       /* paths without pairs: of the last state; alternations: of the first */
-    struct picture reference_other; /* the last reference once more, with another seed */
+    struct snapshot reference;       /* paths without pairs: of the last state; alternations: of the first */
+    struct snapshot reference_other; /* the last reference once more, with another seed */
     double frame_seconds, reference_seconds; /* measured frames and all references, as the client saw them */
     uint32_t reference_frames;
 };

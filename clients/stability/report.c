@@ -189,13 +189,14 @@ static bool write_picture(const struct report *report, const char *name, const u
     return json_array_append_new(list, json_pack("{s:s, s:s}", "caption", caption, "file", name)) == 0;
 }
 
-static bool add_picture(const struct report *report, const struct drive *drive, const struct picture *picture,
-                        const char *part, const char *caption, json_t *list, struct error *error)
+static bool add_picture(const struct report *report, const struct drive *drive,
+                        const struct snapshot *picture, const char *part, const char *caption, json_t *list,
+                        struct error *error)
 {
     char name[80];
     if (!picture->rgb)
         return true;
-    uint8_t *pixels = picture_bytes(picture, drive->exposure, error);
+    uint8_t *pixels = snapshot_bytes(picture, drive->exposure, error);
     snprintf(name, sizeof name, "%s-%s.png", path_infos[drive->path].name, part);
     bool is_written = pixels && write_picture(report, name, pixels, caption, list, error);
     free(pixels);

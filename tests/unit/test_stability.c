@@ -193,13 +193,13 @@ static void nonsense_limits_are_refused(void **state)
  */
 
 /* A picture of one brightness on its left half and another on its right. */
-static struct picture halves(float left, float right)
+static struct snapshot halves(float left, float right)
 {
-    struct picture picture;
+    struct snapshot picture;
     float *rgb = malloc(PIXELS * 3 * sizeof *rgb);
     for (uint32_t i = 0; i < PIXELS * 3; i++)
         rgb[i] = i / 3 % WIDTH < WIDTH / 2 ? left : right;
-    assert_true(picture_make(rgb, WIDTH, HEIGHT, &picture, &error));
+    assert_true(snapshot_make(rgb, WIDTH, HEIGHT, &picture, &error));
     return picture;
 }
 
@@ -281,7 +281,7 @@ static void a_rest_that_was_made_up(void **state)
     drive.pixels = temporal_pixels_create(WIDTH, HEIGHT, &error);
     for (uint32_t i = 0; i < drive.done; i++) {
         double swing = i % 2 ? 1 : -1;
-        struct picture picture = halves(2, (float)(2 * (1 + 0.01 * swing)));
+        struct snapshot picture = halves(2, (float)(2 * (1 + 0.01 * swing)));
         drive.series[STATISTIC_PHOTONS][i] = 1000 * (1 + 0.05 * swing);
         drive.series[STATISTIC_DENSITY][i] = 500;
         drive.light[i] = 3 + 0.003 * ((int)i - 4);
@@ -294,7 +294,7 @@ static void a_rest_that_was_made_up(void **state)
         else if (i + 1 == drive.done)
             drive.last = picture;
         else
-            picture_free(&picture);
+            snapshot_free(&picture);
     }
     struct analysis analysis = {0};
     assert_true(analysis_make(&drive, &analysis, &error));

@@ -1,4 +1,4 @@
-#include "picture.h"
+#include "snapshot.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -12,81 +12,81 @@ static bool no_memory(uint32_t width, uint32_t height, struct error *error)
     return error_set(error, STATUS_MEMORY, "no memory for a picture of %ux%u pixels", width, height);
 }
 
-size_t picture_pixels(const struct picture *picture)
+size_t snapshot_pixels(const struct snapshot *picture)
 {
     return (size_t)picture->width * picture->height;
 }
 
-bool picture_is_black(const struct picture *picture)
+bool snapshot_is_black(const struct snapshot *picture)
 {
-    size_t i = 0, count = picture_pixels(picture);
+    size_t i = 0, count = snapshot_pixels(picture);
     while (i < count && !(picture->luminance[i] > 0))
         i++;
     return i == count;
 }
 
-bool picture_make(float *rgb, uint32_t width, uint32_t height, struct picture *picture, struct error *error)
+bool snapshot_make(float *rgb, uint32_t width, uint32_t height, struct snapshot *picture, struct error *error)
 {
-    *picture = (struct picture){width, height, rgb, malloc((size_t)width * height * sizeof(float))};
+    *picture = (struct snapshot){width, height, rgb, malloc((size_t)width * height * sizeof(float))};
     if (!picture->luminance) {
-        picture_free(picture);
+        snapshot_free(picture);
         return no_memory(width, height, error);
     }
-    temporal_luminance(rgb, picture_pixels(picture), picture->luminance);
+    temporal_luminance(rgb, snapshot_pixels(picture), picture->luminance);
     return true;
 }
 
-bool picture_copy(const struct picture *source, struct picture *target, struct error *error)
+bool snapshot_copy(const struct snapshot *source, struct snapshot *target, struct error *error)
 {
-    size_t size = picture_pixels(source) * 3 * sizeof(float);
+    size_t size = snapshot_pixels(source) * 3 * sizeof(float);
     float *rgb = malloc(size);
     if (!rgb)
         return no_memory(source->width, source->height, error);
     memcpy(rgb, source->rgb, size);
-    return picture_make(rgb, source->width, source->height, target, error);
+    return snapshot_make(rgb, source->width, source->height, target, error);
 }
 
-void picture_free(struct picture *picture)
+void snapshot_free(struct snapshot *picture)
 {
     free(picture->rgb);
     free(picture->luminance);
-    *picture = (struct picture){0};
+    *picture = (struct snapshot){0};
 }
 
-static struct measure_image luminance_of(const struct picture *picture)
+static struct measure_image luminance_of(const struct snapshot *picture)
 {
     return (struct measure_image){picture->luminance, picture->width, picture->height, 1};
 }
 
-double picture_error(const struct picture *picture, const struct picture *reference)
+double snapshot_error(const struct snapshot *picture, const struct snapshot *reference)
 {
     struct measure_image a = luminance_of(picture), b = luminance_of(reference);
     return measure_relative_l1(&a, &b);
 }
 
-double picture_rms_difference(const struct picture *picture, const struct picture *reference)
+double snapshot_rms_difference(const struct snapshot *picture, const struct snapshot *reference)
 {
     struct measure_image a = luminance_of(picture), b = luminance_of(reference);
     return measure_relative_rmse(&a, &b);
 }
 
-double picture_exposure(const struct picture *picture)
+double snapshot_exposure(const struct snapshot *picture)
 {
-    return tone_exposure(picture->rgb, picture_pixels(picture));
+    return tone_exposure(picture->rgb, snapshot_pixels(picture));
 }
 
 /* The light that a display shows of it. */
-static float *displayed(const struct picture *picture, double exposure)
+static float *displayed(const struct snapshot *picture, double exposure)
 {
-    size_t values = picture_pixels(picture) * 3;
+    size_t values = snapshot_pixels(picture) * 3;
     float *light = malloc(values * sizeof *light);
     for (size_t i = 0; light && i < values; i++)
         light[i] = tone_linear(picture->rgb[i], exposure);
     return light;
 }
 
-bool picture_flip(const struct picture *picture, const struct picture *reference, double exposure,
-                  double *flip, struct error *error)
+bool snapshot_flip(const struct snapshot *picture, const struct snapshot *reference, double exposure,
+                   double *flip, struct error *error)
 {
     uint32_t width = picture->width, height = picture->height;
     float *a = displayed(picture, exposure), *b = displayed(reference, exposure);
@@ -101,9 +101,9 @@ bool picture_flip(const struct picture *picture, const struct picture *reference
     return is_done;
 }
 
-uint8_t *picture_bytes(const struct picture *picture, double exposure, struct error *error)
+uint8_t *snapshot_bytes(const struct snapshot *picture, double exposure, struct error *error)
 {
-    size_t values = picture_pixels(picture) * 3;
+    size_t values = snapshot_pixels(picture) * 3;
     uint8_t *bytes = malloc(values);
     if (!bytes)
         no_memory(picture->width, picture->height, error);
