@@ -135,7 +135,7 @@ static void the_files_in_docs_are_valid(void **state)
 {
     (void)state;
     static const char *const files[] = {"docs/bench-example.json", "docs/study/target-area.json",
-                                        "docs/study/culling.json"};
+                                        "docs/study/culling.json", "docs/study/curves.json"};
     const char *source = getenv("CAUSTICD_SOURCE_DIR");
     for (size_t i = 0; source && i < sizeof files / sizeof *files; i++) {
         char file[4096];
