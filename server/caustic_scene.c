@@ -53,6 +53,10 @@ static void print_material(const struct scene_material *material)
            (double)material->base_color[0], (double)material->base_color[1], (double)material->base_color[2]);
     if (material->kind == MATERIAL_DIELECTRIC)
         printf(", ior %.3g", (double)material->ior);
+    if (material->dispersion > 0)
+        printf(", Abbe number %.3g", 20 / (double)material->dispersion);
+    if (material->roughness > 0 && material->kind != MATERIAL_DIFFUSE)
+        printf(", roughness %.3g", (double)material->roughness);
     if (material->attenuation_distance > 0)
         printf(", colour %.3g %.3g %.3g after %.3g m", (double)material->attenuation_color[0],
                (double)material->attenuation_color[1], (double)material->attenuation_color[2],

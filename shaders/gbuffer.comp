@@ -107,6 +107,8 @@ chain_step pass_glass(chain_step at, surface s, vec3 geometric, vec3 normal, flo
         if (has(FEATURE_LOOKUP))
             refract_differential(at.x, direction, normal, s, eta, cos_t, guard);
         at.throughput *= 1.0 - reflectance;
+        if (has(FEATURE_TINT))
+            at.throughput *= surface_color(s);
         // radiance from the other side arrives scaled by (n_here / n_there)^2
         if ((frame.flags & FLAG_RADIANCE_SCALING) != 0u)
             at.throughput *= eta * eta;

@@ -27,9 +27,15 @@ uint media_top(uint list)
     return top == 0u ? NONE : scene_materials[top - 1u].flags >> 16;
 }
 
+// Inverse squared wavelength against that of the d line, 1/um^2: 0 for white light.
+float media_wave = 0.0;
+
 float media_ior(uint material)
 {
-    return material == NONE ? 1.0 : scene_materials[material].color_ior.w;
+    if (material == NONE)
+        return 1.0;
+    float ior = scene_materials[material].color_ior.w;
+    return has(FEATURE_DISPERSION) ? max(ior + scene_materials[material].emission.w * media_wave, 1.0) : ior;
 }
 
 // The list with `number` in place of the first byte that is `old`; as it was when there is none.
@@ -78,7 +84,7 @@ boundary media_boundary(uint list, uint material, bool front, uint touching, boo
 {
     boundary b;
     if (!has(FEATURE_NESTED)) {
-        float ior = scene_materials[material].color_ior.w;
+        float ior = media_ior(material);
         b.eta = front ? 1.0 / ior : ior;
         b.beyond = media_beyond(list, material, front);
         return b;

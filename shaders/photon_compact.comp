@@ -44,9 +44,14 @@ vec3 spread_covariance(uint slot, vec3 t1, vec3 t2, float limit)
 {
     photon_spread spread;
     SPREAD_LOAD(spreads, slot, spread);
-    vec2 a = vec2(dot(spread.emitter.p_u, t1), dot(spread.emitter.p_u, t2));
-    vec2 b = vec2(dot(spread.emitter.p_v, t1), dot(spread.emitter.p_v, t2));
-    vec3 c = vec3(a.x * a.x + b.x * b.x, a.x * a.y + b.x * b.y, a.y * a.y + b.y * b.y);
+    vec3 c = vec3(0.0);
+    for (uint k = 0u; k < 5u; k++) {
+        if (k < 2u ? !SPREAD_EMITTER : k < 4u ? !SPREAD_LOBE : !SPREAD_BAND)
+            continue;
+        vec3 p = k == 0u ? spread.emitter.p_u : k == 1u ? spread.emitter.p_v : k == 2u ? spread.lobe.p_u : k == 3u ? spread.lobe.p_v : spread.band_p;
+        vec2 a = vec2(dot(p, t1), dot(p, t2));
+        c += vec3(a.x * a.x, a.x * a.y, a.y * a.y);
+    }
     float largest = c.x + c.z;
     if (!is_finite(largest)) {
         guard++;
@@ -288,21 +293,24 @@ void main()
     uvec2 before = group_starts[gl_WorkGroupID.x];
     for (uint k = 0u; k < local; k++) {
         uint other = group_outcomes[k];
-        before += uvec2((other & 1u) + ((other >> 1) & 1u), (other >> 2) & 1u);
+        before += uvec2((other & 1u) + ((other >> 1) & 1u) + ((other & OUTCOME_BANDS) >> 2), (other >> 2) & 1u);
     }
     uint slot = counters.stride[parity] * index;
-    if ((outcome & OUTCOME_CHILD0) != 0u)
+    if (has(FEATURE_DISPERSION) && (outcome & OUTCOME_BANDS) != 0u) {
+        for (uint band = 1u; band <= 3u; band++)
+            next_queue[before.x++] = slot | (band << QUEUE_BAND_SHIFT);
+    } else if ((outcome & OUTCOME_CHILD0) != 0u)
         next_queue[before.x++] = slot;
     if ((outcome & OUTCOME_CHILD1) != 0u)
         next_queue[before.x] = slot + 1u;
     float flux = 0.0;
     uint is_drawn = 0u;
     if ((outcome & OUTCOME_PHOTON) != 0u) {
-        photon_ray ray = rays[queue[index]];
-        photon p = make_photon(ray, queue[index]);
+        photon_ray ray = rays[queue[index] & QUEUE_SLOT_MASK];
+        photon p = make_photon(ray, queue[index] & QUEUE_SLOT_MASK);
         photons[counters.photon_base + before.y] = p;
         if (has(FEATURE_LOOKUP))
-            seen[counters.photon_base + before.y] = make_lookup_photon(ray, queue[index]);
+            seen[counters.photon_base + before.y] = make_lookup_photon(ray, queue[index] & QUEUE_SLOT_MASK);
         flux = channel_sum(ray.flux.xyz);
         is_drawn = p.cell != NONE ? 1u : 0u;
     }

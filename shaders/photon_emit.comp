@@ -87,8 +87,7 @@ void main()
         emission e = light_emit(light, uv);
 
         float weight;
-        photon_spread spread;
-        spread.emitter = differential(vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0));
+        photon_spread spread = spread_zero();
         float spacing = size; // of photons that stand for each other
         if (has(FEATURE_SOFT) && light.shape != EMITTER_POINT) {
             vec2 emitter_place = vec2(0.5);

@@ -53,6 +53,8 @@ void main()
         // every ray in flight must find room for its photon, whatever splits
         bool has_room = 2u * all.x <= frame.ray_capacity && photons + 2u * all.x <= frame.photon_capacity;
         counters.stride[1u - parity] = has_room ? 2u : 1u;
+        if (has(FEATURE_DISPERSION) && 3u * all.x <= frame.ray_capacity && photons + 3u * all.x <= frame.photon_capacity)
+            counters.stride[1u - parity] = 3u;
         if (!has_room)
             counters.count[COUNT_GUARD_SPLIT]++;
     }

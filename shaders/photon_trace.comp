@@ -15,6 +15,7 @@
 #include "scene_differentials.glsl"
 #include "photons.glsl"
 #include "spread.glsl"
+#include "spread_surface.glsl"
 layout(local_size_x = GROUP_SIZE) in;
 layout(std430, binding = BINDING_PASS + 1) buffer ray_buffer { photon_ray rays[]; };
 layout(std430, binding = BINDING_PASS + 2) writeonly buffer child_buffer { photon_ray children[]; };
@@ -53,22 +54,26 @@ void spawn(photon_ray ray, uint slot, vec3 origin, vec3 direction, differential 
     ray_set_differential(ray, x);
     ray.hash = hash_mix(ray.hash, branch + 1u);
     ray.medium = medium;
-    ray.state = (ray.state & 0x7c000u) + ((ray.state & 0xffu) + 1u) + (splits << 8) + (last << 12);
+    ray.state = (ray.state & 0x37c000u) + ((ray.state & 0xffu) + 1u) + (splits << 8) + (last << 12);
     children[slot] = ray;
     SPREAD_STORE(child_spreads, slot, spread);
 }
 
-void reflect_spread(inout photon_spread spread, vec3 d, vec3 n, surface s)
+// From here on the photon is one channel's share of the light.
+void take_band(inout photon_ray ray, inout vec3 flux, uint band, float factor)
 {
-    if (SPREADS)
-        reflect_differential(spread.emitter, d, n, s);
+    flux *= factor * vec3(band == 1u ? 1.0 : 0.0, band == 2u ? 1.0 : 0.0, band == 3u ? 1.0 : 0.0);
+    ray.state |= band << STATE_BAND_SHIFT;
+    media_wave = BAND_MIDDLES[band - 1u] - DISPERSION_MIDDLE;
 }
 
-void refract_spread(inout photon_spread spread, vec3 d, vec3 n, surface s, float eta, float cos_t)
+// The slopes of a rough surface where it has no footprint to widen: one of them, at random.
+vec3 rough_normal(vec3 n, float roughness, uint hash)
 {
-    uint unused = 0u; // singular places are counted with the photon's own
-    if (SPREADS)
-        refract_differential(spread.emitter, d, n, s, eta, cos_t, unused);
+    float radius = roughness * roughness * sqrt(-log(hash_unit(hash_mix(hash, 0x60u))));
+    float angle = 2.0 * PI * hash_unit(hash_mix(hash, 0x61u));
+    vec3 n1 = normalize(abs(n.y) < 0.9 ? cross(n, vec3(0.0, 1.0, 0.0)) : cross(n, vec3(1.0, 0.0, 0.0)));
+    return normalize(n + radius * (cos(angle) * n1 + sin(angle) * cross(n, n1)));
 }
 
 void main()
@@ -80,7 +85,8 @@ void main()
     uint culled_energy = 0u;
 
     // Every lane calls the tracer, those without a ray with no distance to go: see trace.glsl.
-    uint slot = in_flight ? queue[index] : 0u;
+    uint entry = in_flight ? queue[index] : 0u;
+    uint slot = has(FEATURE_DISPERSION) ? entry & QUEUE_SLOT_MASK : entry;
     photon_ray ray = rays[slot];
     trace_hit hit = trace_closest_all(ray.origin.xyz, ray.direction.xyz, in_flight ? 3.0e38 : 0.0);
     uint touching = NONE;
@@ -103,6 +109,18 @@ void main()
         differential x = ray_differential(ray);
         photon_spread spread;
         SPREAD_LOAD(spreads, slot, spread);
+        uint band = 0u;
+        if (has(FEATURE_DISPERSION)) {
+            band = ray.state >> STATE_BAND_SHIFT;
+            if (band != 0u)
+                media_wave = BAND_MIDDLES[band - 1u] - DISPERSION_MIDDLE;
+            else if ((entry >> QUEUE_BAND_SHIFT) != 0u) {
+                // traced again from where the last bounce left it: three threads share this record, and none writes
+                // to it, for they meet the dispersive glass that the first trace met
+                band = entry >> QUEUE_BAND_SHIFT;
+                take_band(ray, flux, band, 1.0);
+            }
+        }
 
         if (hit.instance == TRACE_MISS) {
             finish(FATE_ESCAPED, flux);
@@ -126,9 +144,10 @@ void main()
                 }
             }
             differential_transfer(x, direction, hit.t, geometric, guard);
-            if (SPREADS) {
-                uint before = guard;
-                differential_transfer(spread.emitter, direction, hit.t, geometric, before);
+            spread_transfer(spread, direction, hit.t, geometric);
+            if (has(FEATURE_ROUGH) && AA == AA_PIXEL && material.kind != KIND_DIFFUSE && material.absorption.w > ROUGHNESS_MIN) {
+                vec3 tilted = rough_normal(normal, material.absorption.w, ray.hash);
+                normal = dot(tilted, direction) < -1e-4 ? tilted : normal;
             }
 
             if (material.kind == KIND_DIFFUSE) {
@@ -158,6 +177,13 @@ void main()
             } else if (channel_sum(flux) < frame.cull_energy * ray.flux.w) {
                 finish(FATE_CULLED_ENERGY, flux);
                 culled_energy = 1u;
+            } else if (has(FEATURE_DISPERSION) && stride == 3u && band == 0u && material.kind == KIND_DIELECTRIC &&
+                       material.emission.w > 0.0) {
+                children[stride * index] = ray;
+                SPREAD_LOAD(spreads, slot, spread);
+                SPREAD_STORE(child_spreads, stride * index, spread);
+                outcome = OUTCOME_CHILD0 | OUTCOME_BANDS;
+                absorbed = 0.0;
             } else if (has(FEATURE_MIRROR) && material.kind == KIND_MIRROR) {
                 float cos_i = -dot(direction, normal);
                 vec3 kept = flux * fresnel_metal(cos_i, surface_color(s));
@@ -165,20 +191,28 @@ void main()
                 vec3 turned = reflect(direction, normal);
                 differential y = x;
                 reflect_differential(y, direction, normal, s);
-                reflect_spread(spread, direction, normal, s);
                 if (dot(turned, geometric) <= 0.0)
                     turned = reflect(direction, geometric);
+                spread_reflect(spread, direction, normal, s, normalize(turned), material.absorption.w);
                 spawn(ray, stride * index, offset_origin(s.position, geometric), normalize(turned), y, spread, kept, 0u,
                       LAST_REFLECT, splits, ray.medium, flown);
                 outcome = OUTCOME_CHILD0;
             } else if (has(FEATURE_DIELECTRIC | FEATURE_THIN)) {
                 bool thin = has(FEATURE_THIN) && material.kind == KIND_THIN;
+                if (has(FEATURE_DISPERSION) && band == 0u && !thin && material.emission.w > 0.0) {
+                    // no room for three: one of them stands for all
+                    band = 1u + hash_mix(ray.hash, 0x3bu) % 3u;
+                    take_band(ray, flux, band, 3.0);
+                    differential_scale(x, sqrt(3.0));
+                }
                 boundary b = media_boundary(ray.medium, s.material, front, touching, touching_front);
                 float eta = b.eta;
                 float cos_i = -dot(direction, normal);
                 float cos_t;
                 float reflectance = fresnel_dielectric(cos_i, eta, cos_t);
                 vec3 transmitted = flux;
+                if (has(FEATURE_TINT) && !thin)
+                    transmitted = flux * surface_color(s);
                 if (thin) {
                     reflectance = fresnel_thin(cos_i, material.color_ior.w);
                     transmitted = flux * surface_color(s);
@@ -197,14 +231,14 @@ void main()
                 uint new_splits = splits;
                 uint rule = SPLIT;
                 float weaker = min(reflectance, 1.0 - reflectance) * channel_sum(flux);
-                bool may_split = stride == 2u && splits < SPLITS_MAX;
+                bool may_split = stride >= 2u && splits < SPLITS_MAX;
                 if (reflectance >= 1.0) {
                     take_reflect = true;
                     take_refract = false;
                 } else if (rule == SPLIT_ONCE_RULE) {
                     bool is_first = splits == 0u;
                     take_refract = is_first || last != LAST_REFLECT;
-                    take_reflect = is_first ? stride == 2u : last == LAST_REFLECT;
+                    take_reflect = is_first ? stride >= 2u : last == LAST_REFLECT;
                     // past the split the other branch is not followed: that light is lost, and said so
                     if (!take_refract || !take_reflect)
                         finish(FATE_SPLIT_ONCE, take_reflect ? refracted_flux : reflected_flux);
@@ -270,11 +304,21 @@ void main()
                         if (eta != 1.0)
                             turned = normalize(eta * direction + (eta * cos_i - cos_t) * normal);
                         refract_differential(y, direction, normal, s, eta, cos_t, guard);
-                        refract_spread(z, direction, normal, s, eta, cos_t);
                         if (dot(turned, geometric) >= 0.0)
                             turned = normalize(turned - (dot(turned, geometric) + 1e-3) * geometric);
+                        float eta_change = 0.0;
+                        if (SPREAD_BAND && band != 0u) {
+                            float middle = media_wave, half_width = 0.5 * BAND_WIDTHS[band - 1u];
+                            media_wave = middle + half_width;
+                            eta_change = media_boundary(ray.medium, s.material, front, touching, touching_front).eta;
+                            media_wave = middle - half_width;
+                            eta_change -= media_boundary(ray.medium, s.material, front, touching, touching_front).eta;
+                            media_wave = middle;
+                        }
+                        spread_refract(z, direction, normal, s, eta, cos_t, turned, material.absorption.w, sqrt(0.5) * eta_change);
                         medium = b.beyond;
-                    }
+                    } else
+                        spread_pass(z, direction, normal, material.absorption.w);
                     spawn(ray, next, offset_origin(s.position, -geometric), turned, y, z, refracted_flux, 0u,
                           LAST_REFRACT, new_splits, medium, flown);
                     outcome |= OUTCOME_CHILD0;
@@ -290,9 +334,9 @@ void main()
                     }
                     photon_spread z = spread;
                     reflect_differential(y, direction, normal, s);
-                    reflect_spread(z, direction, normal, s);
                     if (dot(turned, geometric) <= 0.0)
                         turned = reflect(direction, geometric);
+                    spread_reflect(z, direction, normal, s, normalize(turned), material.absorption.w);
                     spawn(ray, next, offset_origin(s.position, geometric), normalize(turned), y, z, reflected_flux, 1u,
                           LAST_REFLECT, new_splits, ray.medium, flown);
                     outcome |= (outcome & OUTCOME_CHILD0) != 0u ? OUTCOME_CHILD1 : OUTCOME_CHILD0;
@@ -304,7 +348,8 @@ void main()
 
     ledger_add(fate, fate_flux, absorbed);
     // children and photons of the workgroup, then statistics: each fits 16 bits for 64 threads
-    uint totals = group_count((outcome & 1u) + ((outcome >> 1) & 1u) + ((outcome & OUTCOME_PHOTON) << 14));
+    uint totals = group_count((outcome & 1u) + ((outcome >> 1) & 1u) + ((outcome & OUTCOME_BANDS) >> 2) +
+                               ((outcome & OUTCOME_PHOTON) << 14));
     uint events = group_count(counts);
     uint guards = group_count(guard + (culled_energy << 16));
     uint caps = group_count(trace_guard);

@@ -1,6 +1,7 @@
 // photons.glsl: what the photon passes share: counters, ray records, the flux ledger.
 // Source  design 3 (photons ordered by task and branch), 13
 const uint STATE_WEAK = 1u << 18;   // see photon_ray.state
+const uint STATE_BAND_SHIFT = 20u;
 const uint STATE_HIDDEN = 1u << 19; // of a deposit: the camera does not see it (aa=pixel)
 
 layout(std430, binding = BINDING_PASS) buffer counter_buffer { counters_gpu counters; };

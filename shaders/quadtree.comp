@@ -50,6 +50,8 @@ void main()
         counters.queue[QUEUE_COUNT] = value;
         counters.photon_groups[1] = 1u;
         counters.photon_groups[2] = 1u;
-        counters.stride[0] = 2u * value <= frame.ray_capacity && 2u * value <= frame.photon_capacity ? 2u : 1u;
+        // three where a photon may become one per band
+        counters.stride[0] = has(FEATURE_DISPERSION) && 3u * value <= frame.ray_capacity && 3u * value <= frame.photon_capacity ? 3u :
+            2u * value <= frame.ray_capacity && 2u * value <= frame.photon_capacity ? 2u : 1u;
     }
 }

@@ -30,6 +30,19 @@ static uint32_t material_features(const struct scene_material *material, bool *g
         bits |= FEATURE_ABSORPTION;
         *grey = *grey && is_grey(material->attenuation_color);
     }
+    if (material->kind == MATERIAL_DIELECTRIC) {
+        const float *c = material->base_color;
+        if (c[0] < 1 || c[1] < 1 || c[2] < 1 || material->base_color_image != SCENE_NONE) {
+            bits |= FEATURE_TINT;
+            *grey = *grey && is_grey(c) && material->base_color_image == SCENE_NONE;
+        }
+        if (material->dispersion > 0) {
+            bits |= FEATURE_DISPERSION;
+            *grey = false;
+        }
+    }
+    if (material->kind != MATERIAL_DIFFUSE && material->roughness > ROUGHNESS_MIN)
+        bits |= FEATURE_ROUGH;
     if (material->base_color_image != SCENE_NONE || material->emission_image != SCENE_NONE)
         bits |= FEATURE_TEXTURE;
     if (material->emission[0] > 0 || material->emission[1] > 0 || material->emission[2] > 0)
@@ -118,5 +131,6 @@ void features_find(const struct view *view, uint32_t channel_mask, struct featur
         if (!features->no_lookup_reason)
             features->bits |= FEATURE_LOOKUP | (view->settings.camera_branches > 1 ? FEATURE_BRANCHES : 0);
     } else
-        features->bits &= ~(FEATURE_VARIANCE | FEATURE_TEXTURED_FLUX | FEATURE_CHROMATIC | FEATURE_SOFT);
+        features->bits &= ~(FEATURE_VARIANCE | FEATURE_TEXTURED_FLUX | FEATURE_CHROMATIC | FEATURE_SOFT |
+                            FEATURE_ROUGH | FEATURE_DISPERSION);
 }

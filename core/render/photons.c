@@ -6,14 +6,16 @@
 /* Of the columns beside a ray, see shaders/spread.glsl. */
 static size_t spread_bytes(const struct view *view)
 {
-    (void)view;
-    return 12 * sizeof(float);
+    uint32_t bits = view->features.bits;
+    size_t columns = bits & FEATURE_ROUGH ? 4u : bits & FEATURE_SOFT ? 2u : 0u;
+    columns += bits & FEATURE_DISPERSION ? 1u : 0u;
+    return columns * 6 * sizeof(float);
 }
 
 bool photons_prepare(struct view *view)
 {
-    size_t rays = RAYS_PER_PHOTON * (size_t)view->settings.photons;
-    size_t stored = STORED_PER_PHOTON * (size_t)view->settings.photons;
+    size_t rays = renderer_rays_per_photon(view->renderer->scene) * (size_t)view->settings.photons;
+    size_t stored = renderer_stored_per_photon(view->renderer->scene) * (size_t)view->settings.photons;
     /* a small budget still has a ray per cell of the smallest tiles */
     size_t least = GROUP_SIZE * 4;
     rays = rays < least ? least : rays;
@@ -44,7 +46,10 @@ void photons_record(struct view *view, struct gpu_frame *frame)
                  {BINDING_PASS + 2, GPU_WRITE, BUFFER_RAYS}, {BINDING_PASS + 3, GPU_WRITE, BUFFER_QUEUE},
                  {BINDING_PASS + 4, GPU_WRITE, view->plan.has_spreads ? BUFFER_SPREADS : BUFFER_QUEUE})});
     gpu_pass_end(frame);
-    for (uint32_t bounce = 0; bounce <= (uint32_t)view->settings.max_bounces; bounce++) {
+    /* a photon that becomes three bands is traced once more */
+    uint32_t bounces =
+        (uint32_t)view->settings.max_bounces + 1 + (view->features.bits & FEATURE_DISPERSION ? 1 : 0);
+    for (uint32_t bounce = 0; bounce < bounces; bounce++) {
         uint32_t parity = bounce % 2;
         enum view_buffer rays = parity ? BUFFER_RAYS_OTHER : BUFFER_RAYS;
         enum view_buffer children = parity ? BUFFER_RAYS : BUFFER_RAYS_OTHER;

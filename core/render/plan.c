@@ -24,7 +24,8 @@ void plan_make(const struct view *view, const struct features *features, uint32_
     plan->has_gbuffer = has_geometry && (plan->has_photons || (images & geometry) != 0);
     plan->has_output = plan->has_gbuffer && images != 0;
     plan->has_feedback = plan->has_photons && settings->density != DENSITY_UNIFORM;
-    plan->has_spreads = plan->has_photons && (bits & FEATURE_SOFT) && settings->aa != SPLAT_AA_PIXEL;
+    plan->has_spreads = plan->has_photons && settings->aa != SPLAT_AA_PIXEL &&
+                        (bits & (FEATURE_SOFT | FEATURE_ROUGH | FEATURE_DISPERSION)) != 0;
     plan->has_variance = plan->has_feedback && (bits & FEATURE_VARIANCE) != 0;
     bool is_all_quads = settings->aa == SPLAT_AA_MSAA || settings->aa == SPLAT_AA_MSAA_SAMPLE;
     plan->has_sums = plan->has_photons && !is_all_quads;
@@ -87,7 +88,13 @@ void plan_make(const struct view *view, const struct features *features, uint32_
     line(plan, "spot light", (bits & FEATURE_SPOT) != 0, "there is one", "there is none");
     line(plan, "soft light", (bits & FEATURE_SOFT) != 0, "some light is a sphere, disk or rectangle",
          plan->has_photons ? "every light is a point or a beam" : no_photons);
-    line(plan, "spreads", plan->has_spreads, "a soft light widens footprints",
+    line(plan, "rough casters", (bits & FEATURE_ROUGH) != 0, "some glass or metal is not polished",
+         plan->has_photons ? "every caster is polished" : no_photons);
+    line(plan, "dispersion", (bits & FEATURE_DISPERSION) != 0, "some glass refracts colours differently",
+         plan->has_photons ? "no glass disperses" : no_photons);
+    line(plan, "tinted glass", (bits & FEATURE_TINT) != 0, "some solid glass has a base colour",
+         "no solid glass has one");
+    line(plan, "spreads", plan->has_spreads, "a soft light, a rough caster or dispersion spreads photons",
          !plan->has_photons               ? no_photons
          : settings->aa == SPLAT_AA_PIXEL ? "aa=pixel has no footprints"
                                           : "nothing spreads a photon beyond its stratum");

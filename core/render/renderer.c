@@ -122,7 +122,8 @@ static bool upload_materials(struct renderer *r, struct error *error)
             if (m->attenuation_distance > 0 && m->attenuation_color[k] < 1)
                 sigma[k] = -logf(fmaxf(m->attenuation_color[k], 1e-6f)) / m->attenuation_distance;
         g->absorption = (vec4){sigma[0], sigma[1], sigma[2], m->roughness};
-        g->emission = (vec4){m->emission[0], m->emission[1], m->emission[2], 0};
+        float cauchy = m->dispersion * (m->ior - 1) / (20 * DISPERSION_F_TO_C);
+        g->emission = (vec4){m->emission[0], m->emission[1], m->emission[2], cauchy};
         g->color_first = g->emission_first = NONE;
         g->flags = (uint32_t)r->solids.number[i] << 8 | r->solids.material[i] << 16;
         if (m->base_color_image != SCENE_NONE) {
@@ -266,6 +267,24 @@ static bool build_accels(struct renderer *r, struct error *error)
     return r->top != NULL;
 }
 
+static bool disperses(const struct scene *scene)
+{
+    for (uint32_t i = 0; i < scene->material_count; i++)
+        if (scene->materials[i].kind == MATERIAL_DIELECTRIC && scene->materials[i].dispersion > 0)
+            return true;
+    return false;
+}
+
+size_t renderer_rays_per_photon(const struct scene *scene)
+{
+    return disperses(scene) ? RAYS_PER_BAND_PHOTON : RAYS_PER_PHOTON;
+}
+
+size_t renderer_stored_per_photon(const struct scene *scene)
+{
+    return disperses(scene) ? STORED_PER_BAND_PHOTON : STORED_PER_PHOTON;
+}
+
 struct renderer *renderer_create(const struct renderer_params *params, struct error *error)
 {
     const struct gpu_info *info = gpu_info(params->gpu);
@@ -287,9 +306,9 @@ struct renderer *renderer_create(const struct renderer_params *params, struct er
                                                  : TRACER_BVH;
     uint64_t most = info->max_storage_bytes;
     uint64_t pixels = most / sizeof(struct surface_gpu),
-             photons = most / (STORED_PER_PHOTON * sizeof(struct photon));
+             photons = most / (renderer_stored_per_photon(r->scene) * sizeof(struct photon));
     r->limits.max_pixels = (uint32_t)(pixels < VIEW_MAX_PIXELS ? pixels : VIEW_MAX_PIXELS);
-    uint64_t rays = most / (RAYS_PER_PHOTON * sizeof(struct photon_ray));
+    uint64_t rays = most / (renderer_rays_per_photon(r->scene) * sizeof(struct photon_ray));
     photons = photons < rays ? photons : rays;
     photons = photons / 4096 * 4096;
     r->limits.max_photons = (uint32_t)fmin((double)photons, setting_infos[SETTING_photons].maximum);

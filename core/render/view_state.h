@@ -26,6 +26,10 @@
 #define RAYS_PER_PHOTON   4u
 #define STORED_PER_PHOTON 5u
 
+/* Where glass disperses every photon may become three, and theirs split as well. */
+#define RAYS_PER_BAND_PHOTON   8u
+#define STORED_PER_BAND_PHOTON 8u
+
 struct renderer_pipeline {
     char shader[48];
     uint32_t constants[6];
@@ -62,6 +66,9 @@ struct renderer {
     struct renderer_pipeline pipelines[RENDERER_MAX_PIPELINES];
     uint32_t pipeline_count;
 };
+
+size_t renderer_rays_per_photon(const struct scene *scene);
+size_t renderer_stored_per_photon(const struct scene *scene);
 
 /* Brings instances, top level and caster boxes to `time`; uploads into `frame` what changed. */
 bool renderer_set_time(struct renderer *renderer, double time, struct error *error);

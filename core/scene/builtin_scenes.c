@@ -25,6 +25,17 @@ static uint32_t add_glass(struct scene_builder *builder, const char *name)
     return scene_builder_material(builder, &material);
 }
 
+/* The same, with the dispersion of dense flint (Abbe number 20), to show its colours. */
+static uint32_t add_flint(struct scene_builder *builder, const char *name)
+{
+    struct scene_material material = scene_material_default(name);
+    material.kind = MATERIAL_DIELECTRIC;
+    material.roughness = 0;
+    material.transmission = 1;
+    material.dispersion = 1;
+    return scene_builder_material(builder, &material);
+}
+
 /* A mesh at rest under a node of its own. */
 static void place(struct scene_builder *builder, const char *name, uint32_t mesh)
 {
@@ -104,7 +115,7 @@ void builtin_ring(struct scene_builder *builder)
 
 void builtin_prism(struct scene_builder *builder)
 {
-    uint32_t floor = add_diffuse(builder, "floor", 0.7, 0.7, 0.7), glass = add_glass(builder, "glass");
+    uint32_t floor = add_diffuse(builder, "floor", 0.7, 0.7, 0.7), glass = add_flint(builder, "glass");
     place(builder, "floor", shape_floor(builder, "floor", floor, vec3_make(0, 0, 0), 12));
     /* Equilateral, side 0.7 m, on edge: the sun enters the upper left face and leaves through the right one.
      */

@@ -205,9 +205,9 @@ static void check_json_shape(const char *text, size_t size)
 }
 
 static const char *const supported_extensions[] = {
-    "KHR_lights_punctual",   "KHR_materials_transmission",      "KHR_materials_volume",
-    "KHR_materials_ior",     "KHR_materials_emissive_strength", "KHR_materials_specular",
-    "KHR_mesh_quantization",
+    "KHR_lights_punctual",      "KHR_materials_transmission", "KHR_materials_volume",
+    "KHR_materials_dispersion", "KHR_materials_ior",          "KHR_materials_emissive_strength",
+    "KHR_materials_specular",   "KHR_mesh_quantization",
 };
 
 static bool is_supported(const std::string &extension)

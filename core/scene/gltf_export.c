@@ -129,6 +129,9 @@ static json_t *pack_material(const struct scene_material *material)
     if (material->transmission > 0 || material->ior != 1.5f)
         json_object_set_new(member(object, "extensions", false), "KHR_materials_ior",
                             json_pack("{s:f}", "ior", (double)material->ior));
+    if (material->dispersion > 0)
+        json_object_set_new(member(object, "extensions", false), "KHR_materials_dispersion",
+                            json_pack("{s:f}", "dispersion", (double)material->dispersion));
     if (material->kind == MATERIAL_DIELECTRIC) {
         json_t *volume = json_pack("{s:f}", "thicknessFactor", 1.0);
         if (material->attenuation_distance > 0) {
@@ -316,17 +319,17 @@ static void pack_animation(struct writer *writer, const struct scene *scene, jso
 
 static void list_extensions(const struct scene *scene, json_t *root)
 {
-    bool has[5] = {false};
-    static const char *const names[5] = {"KHR_lights_punctual", "KHR_materials_emissive_strength",
-                                         "KHR_materials_ior", "KHR_materials_transmission",
-                                         "KHR_materials_volume"};
+    bool has[6] = {false};
+    static const char *const names[6] = {
+        "KHR_lights_punctual", "KHR_materials_dispersion",   "KHR_materials_emissive_strength",
+        "KHR_materials_ior",   "KHR_materials_transmission", "KHR_materials_volume"};
     has[0] = json_object_get(json_object_get(root, "extensions"), names[0]) != NULL;
     for (uint32_t i = 0; i < scene->material_count; i++)
-        for (int at = 1; at < 5; at++)
+        for (int at = 1; at < 6; at++)
             has[at] |= json_object_get(json_object_get(json_array_get(json_object_get(root, "materials"), i),
                                                        "extensions"),
                                        names[at]) != NULL;
-    for (int at = 0; at < 5; at++)
+    for (int at = 0; at < 6; at++)
         if (has[at])
             json_array_append_new(member(root, "extensionsUsed", true), json_string(names[at]));
 }

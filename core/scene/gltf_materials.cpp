@@ -183,9 +183,13 @@ static void read_transmission(scene_builder *builder, const std::string &what,
                            (double)material.transmission);
     tinygltf::Value volume = extension(source, "KHR_materials_volume");
     material.kind = number(volume, "thicknessFactor", 0) > 0 ? MATERIAL_DIELECTRIC : MATERIAL_THIN;
-    if (material.roughness > 0.05f)
-        scene_builder_warn(builder, "%s: glass of roughness %g is imported as smooth", what.c_str(),
-                           (double)material.roughness);
+    if (material.kind == MATERIAL_DIELECTRIC)
+        material.dispersion = in_range(builder, what + ": dispersion",
+                                       number(extension(source, "KHR_materials_dispersion"), "dispersion", 0),
+                                       0, SCENE_MAX_DISPERSION);
+    if (material.roughness > SCENE_WIDEST_LOBE)
+        scene_builder_warn(builder, "%s: glass of roughness %g: its lobe is taken as narrow, which it is not",
+                           what.c_str(), (double)material.roughness);
     if (number(extension(source, "KHR_materials_specular"), "specularFactor", 1) < 1)
         scene_builder_warn(builder, "%s: a specular factor on glass is ignored", what.c_str());
     double distance = number(volume, "attenuationDistance", 0);

@@ -37,6 +37,8 @@ enum material_kind {
 };
 
 #define SCENE_MIRROR_ROUGHNESS 0.25f
+/* Up to here a rough surface's lobe is narrow enough for a footprint that grows linearly with it. */
+#define SCENE_WIDEST_LOBE 0.4f
 
 struct scene_material {
     char name[SCENE_NAME_SIZE];
@@ -45,6 +47,7 @@ struct scene_material {
     uint32_t base_color_image; /* SCENE_NONE: none; texel multiplies base_color */
     float metallic, roughness, transmission;
     float ior;                  /* >= 1; default 1.5 */
+    float dispersion;           /* 20 / Abbe number (KHR_materials_dispersion); 0: none */
     float attenuation_color[3]; /* colour after attenuation_distance metres */
     float attenuation_distance; /* 0: no attenuation */
     float emission[3];          /* W/(m^2 sr), emissive_strength applied */
@@ -96,7 +99,8 @@ enum light_shape {
     LIGHT_SHAPE_DISK,     /* across the axis of a spot light; or an ellipse */
     LIGHT_SHAPE_RECTANGLE /* across the axis, its sides along the node's x and y */
 };
-#define SCENE_MAX_LIGHT_RADIUS 1e6 /* m */
+#define SCENE_MAX_DISPERSION   10.0f /* an Abbe number of 2; diamond has 55, dense flint 20 */
+#define SCENE_MAX_LIGHT_RADIUS 1e6   /* m */
 
 struct scene_light {
     char

@@ -31,6 +31,9 @@
 #define FEATURE_TEXTURED_FLUX (1u << 13) /* photons carry the albedo they meet: aa=pixel */
 #define FEATURE_CHAINS        (1u << 14) /* somebody looks through glass and mirrors */
 #define FEATURE_SOFT          (1u << 20) /* some light is a sphere, disk or rectangle */
+#define FEATURE_ROUGH         (1u << 21) /* some caster is not polished */
+#define FEATURE_DISPERSION    (1u << 22) /* some glass refracts colours differently */
+#define FEATURE_TINT          (1u << 23) /* some solid glass has a base colour */
 #define FEATURE_LOOKUP        (1u << 24) /* and wants to see caustics there */
 #define FEATURE_BRANCHES      (1u << 25) /* and both branches of the first glass */
 #define FEATURE_NESTED        (1u << 30) /* solids overlap: rays keep a list of those they are in */
@@ -64,10 +67,22 @@
 #define KIND_THIN       2
 #define KIND_MIRROR     3
 
+/* Roughness below which a caster counts as polished: its lobe is 0.02 degrees wide. */
+#define ROUGHNESS_MIN 0.02f
+
+/* Dispersion, in 1/um^2 of inverse squared wavelength. The ior is that of the d line, 587.6 nm; Abbe's number
+ * spans the F and C lines, 486.1 and 656.3 nm. A photon that meets dispersive glass becomes three, one for
+ * each channel, that tile 430 to 650 nm with edges at 500 and 575 nm. Their colours are (1,0,0), (0,1,0),
+ * (0,0,1): they sum to white exactly. */
+#define DISPERSION_MIDDLE 2.89624f
+#define DISPERSION_F_TO_C 1.91042f
+#define BAND_MIDDLES      vec3(2.69575f, 3.51229f, 4.70416f)
+#define BAND_WIDTHS       vec3(0.65772f, 0.97543f, 1.40833f)
+
 struct material_gpu {
     vec4 color_ior;  /* base colour, index of refraction */
     vec4 absorption; /* 1/m per channel; w: roughness */
-    vec4 emission;   /* W/(m^2 sr); w: unused */
+    vec4 emission;   /* W/(m^2 sr); w: Cauchy's B, um^2: n = ior + B (1/wavelength^2 - DISPERSION_MIDDLE) */
     uint kind;
     uint color_first, color_width, color_height;
     uint emission_first, emission_width, emission_height;
@@ -175,15 +190,16 @@ struct photon_ray {
     uint hash;       /* of its fixed place: light, cell, sample, branches */
     uint medium;     /* list of the solids it is in, 0: air (media.glsl) */
     uint state; /* bits 0-7 bounces, 8-11 splits, 12-13 last interaction, 14-15 and 16-17 its place on the
-                   lattice of strata modulo 4, 18 on a weaker branch */
+                   lattice of strata modulo 4, 18 on a weaker branch, 19 see
+                  photons.glsl, 20-21 band: 0 white, 1 to 3 red, green, blue */
 };
 SHARED_SIZE(photon_ray, 112);
 
 /* Beside a ray's own differential, in a list of its own for scenes that have such lights or materials:
  * columns of six floats (change of the origin, change of the direction) whose sum of squares is the
- * covariance of what spreads a photon beyond its stratum. A column c adds c c^T to a footprint, whose kernel
- * has a sixth of it for variance. */
-#define SPREAD_EMITTER 0 /* first of two columns: over the emitter */
+ * covariance of what spreads a photon beyond its stratum: two over the emitter, two more for rough casters
+ * (four hold any covariance of a ray), one over the band of wavelengths (spread.glsl). A column c adds c c^T
+ * to a footprint, whose kernel has a sixth of it for variance. */
 
 /* A stored photon, ready to be drawn, 80 bytes. For a pixel at offset o from `center`, on its tangent plane,
  * r^2 = |U o|^2 / (1 + w.o)^2 is the squared radius in its ellipse: exact under perspective. */
@@ -207,6 +223,11 @@ SHARED_SIZE(photon, 80);
 #define OUTCOME_CHILD0 1u
 #define OUTCOME_CHILD1 2u
 #define OUTCOME_PHOTON 4u
+#define OUTCOME_BANDS  8u /* with CHILD0: the ray as it came, to be traced again once per band */
+
+/* A queue's entry: the ray's slot, and which band of it. */
+#define QUEUE_BAND_SHIFT 30
+#define QUEUE_SLOT_MASK  0x3fffffffu
 
 /* Fates in the flux ledger; the order is that of the flux_* statistics. */
 #define FATE_EMITTED            0

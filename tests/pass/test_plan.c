@@ -84,7 +84,7 @@ static void check_passes(const struct frame_result *result)
 }
 
 struct contents {
-    bool glass, thin, mirror, colour, image, glow, sun, spot;
+    bool glass, thin, mirror, colour, image, glow, sun, spot, soft, rough, rainbow, tint;
 };
 
 static struct contents look_at(const struct scene *scene)
@@ -99,12 +99,17 @@ static struct contents look_at(const struct scene *scene)
         found.mirror |= material->kind == MATERIAL_MIRROR;
         found.colour |= material->kind == MATERIAL_DIELECTRIC && material->attenuation_distance > 0 &&
                         fminf(absorbed[0], fminf(absorbed[1], absorbed[2])) < 1;
+        found.rough |= material->kind != MATERIAL_DIFFUSE && material->roughness > 0.02f;
+        found.rainbow |= material->kind == MATERIAL_DIELECTRIC && material->dispersion > 0;
+        found.tint |= material->kind == MATERIAL_DIELECTRIC &&
+                      material->base_color[0] + material->base_color[1] + material->base_color[2] < 3;
         found.image |= material->base_color_image != SCENE_NONE || material->emission_image != SCENE_NONE;
         found.glow |= material->emission[0] + material->emission[1] + material->emission[2] > 0;
     }
     for (uint32_t i = 0; i < scene->light_count; i++) {
         found.sun |= scene->lights[i].type == LIGHT_DIRECTIONAL;
         found.spot |= scene->lights[i].type == LIGHT_SPOT;
+        found.soft |= scene->lights[i].shape != LIGHT_SHAPE_POINT;
     }
     return found;
 }
@@ -128,6 +133,13 @@ static void lines_say_what_ran(void **state)
             expect_line(result, "emission", found.glow && (masks[k] & BEAUTY), "glows");
             expect_line(result, "directional light", found.sun, "there is");
             expect_line(result, "spot light", found.spot, "there is");
+            expect_line(result, "tinted glass", found.tint, "solid glass");
+            if (find_line(result, "photons")->is_used) {
+                expect_line(result, "soft light", found.soft, "light");
+                expect_line(result, "rough casters", found.rough, "polished");
+                expect_line(result, "dispersion", found.rainbow, "glass");
+                expect_line(result, "spreads", found.soft || found.rough || found.rainbow, "spread");
+            }
             bool is_lit = !result->black_reason, wants = (masks[k] & ~DEPTH) != 0 || masks[k] == 0;
             expect_line(result, "photons", is_lit && wants,
                         !is_lit ? result->black_reason

@@ -88,6 +88,7 @@ static void test_a_full_scene(void **state)
             "'materials':[{'name':'liquid','pbrMetallicRoughness':{'metallicFactor':0,'roughnessFactor':0},"
             "'extensions':{'KHR_materials_transmission':{'transmissionFactor':1},'KHR_materials_ior':{'ior':"
             "1.1},"
+            "'KHR_materials_dispersion':{'dispersion':0.37},"
             "'KHR_materials_volume':{'thicknessFactor':1,'attenuationDistance':0.3,"
             "'attenuationColor':[0.9,0.8,0.1]}}},{'name':'glow','emissiveFactor':[0.3,1,0.7],'extensions':{"
             "'KHR_materials_emissive_strength':{'emissiveStrength':17.3}}},"

@@ -442,6 +442,40 @@ static void test_light_radius(void **state)
     scene_destroy(&scene);
 }
 
+/* KHR_materials_dispersion: as it is within its range; beyond it a warning; nothing on what does not refract.
+ */
+static void test_dispersion(void **state)
+{
+    (void)state;
+    struct scene *scene = import_triangle("{'asset':{'version':'2.0'},'nodes':[{'mesh':0}]," TRIANGLE_MESH_OF(
+        "0") TRIANGLE_BUFFERS ","
+                              "'materials':["
+                              "{'pbrMetallicRoughness':{'roughnessFactor':0},'extensions':{'KHR_materials_"
+                              "transmission':{'transmissionFactor':1},'KHR_materials_volume':{"
+                              "'thicknessFactor':1},'KHR_materials_dispersion':{'dispersion':0.36}}},"
+                              "{'name':'less','pbrMetallicRoughness':{'roughnessFactor':0},'extensions':{'"
+                              "KHR_materials_transmission':{'transmissionFactor':1},'KHR_materials_"
+                              "volume':{"
+                              "'thicknessFactor':1},'KHR_materials_dispersion':{'dispersion':-3}}},"
+                              "{'name':'more','pbrMetallicRoughness':{'roughnessFactor':0},'extensions':{'"
+                              "KHR_materials_transmission':{'transmissionFactor':1},'KHR_materials_"
+                              "volume':{"
+                              "'thicknessFactor':1},'KHR_materials_dispersion':{'dispersion':1e9}}},"
+                              "{'pbrMetallicRoughness':{'metallicFactor':0},'extensions':{'KHR_materials_"
+                              "dispersion':{'dispersion':1}}},"
+                              "{'pbrMetallicRoughness':{'roughnessFactor':0},'extensions':{'KHR_materials_"
+                              "transmission':{'transmissionFactor':1},'KHR_materials_volume':{"
+                              "'thicknessFactor':1},'KHR_materials_dispersion':{'dispersion':'much'}}}]}");
+    static const double wanted[5] = {0.36, 0, 10, 0, 0};
+    assert_int_equal(scene->material_count, 5);
+    for (int i = 0; i < 5; i++)
+        assert_close((double)scene->materials[i].dispersion, wanted[i], 1e-6);
+    assert_true(scene_warns(scene, "\"less\": dispersion is -3"));
+    assert_true(scene_warns(scene, "\"more\": dispersion is 1e+09"));
+    assert_int_equal(scene->warning_count, 2);
+    scene_destroy(&scene);
+}
+
 static void test_collapsed_instance(void **state)
 {
     (void)state;
@@ -520,25 +554,16 @@ static void test_texture(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_triangle),
-        cmocka_unit_test(test_generates_normals),
-        cmocka_unit_test(test_repairs_normals),
-        cmocka_unit_test(test_turns_winding),
-        cmocka_unit_test(test_strips_and_fans),
-        cmocka_unit_test(test_leaves_out_points),
-        cmocka_unit_test(test_sparse_and_stride),
-        cmocka_unit_test(test_quantized),
-        cmocka_unit_test(test_hierarchy),
-        cmocka_unit_test(test_deep_chain),
-        cmocka_unit_test(test_materials),
-        cmocka_unit_test(test_lights_and_cameras),
-        cmocka_unit_test(test_emissive_mesh),
-        cmocka_unit_test(test_closed_emissive_mesh),
-        cmocka_unit_test(test_emissive_rectangle),
-        cmocka_unit_test(test_light_radius),
-        cmocka_unit_test(test_collapsed_instance),
-        cmocka_unit_test(test_animation),
-        cmocka_unit_test(test_texture),
+        cmocka_unit_test(test_triangle),           cmocka_unit_test(test_generates_normals),
+        cmocka_unit_test(test_repairs_normals),    cmocka_unit_test(test_turns_winding),
+        cmocka_unit_test(test_strips_and_fans),    cmocka_unit_test(test_leaves_out_points),
+        cmocka_unit_test(test_sparse_and_stride),  cmocka_unit_test(test_quantized),
+        cmocka_unit_test(test_hierarchy),          cmocka_unit_test(test_deep_chain),
+        cmocka_unit_test(test_materials),          cmocka_unit_test(test_lights_and_cameras),
+        cmocka_unit_test(test_emissive_mesh),      cmocka_unit_test(test_closed_emissive_mesh),
+        cmocka_unit_test(test_emissive_rectangle), cmocka_unit_test(test_light_radius),
+        cmocka_unit_test(test_dispersion),         cmocka_unit_test(test_collapsed_instance),
+        cmocka_unit_test(test_animation),          cmocka_unit_test(test_texture),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
