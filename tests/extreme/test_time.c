@@ -83,7 +83,7 @@ static void open_moving_ball(struct truth *stage)
 static void a_long_run(void **state)
 {
     (void)state;
-    const uint32_t frames = getenv("CAUSTICD_LONG") ? 20000 : 600, settled = frames / 4;
+    const uint32_t frames = getenv("CAUSTICD_LONG") ? 20000 : 300, settled = frames / 4;
     struct truth stage;
     struct error error;
     open_moving_ball(&stage);
@@ -131,7 +131,7 @@ static void a_camera_that_teleports(void **state)
     double first[2], flux[2];
     size_t count;
     for (int i = 0; i < 2; i++) {
-        truth_set(&stage, "accumulate=8 aa=pixel density=uniform photons=65536");
+        truth_set(&stage, "accumulate=6 aa=pixel density=uniform photons=32768");
         view_reset(stage.view);
         assert_true(view_set_camera(stage.view, &cameras[i], &error));
         const struct frame_result *result = truth_render(&stage, 1, 1u << CHANNEL_CAUSTICS);
@@ -143,7 +143,7 @@ static void a_camera_that_teleports(void **state)
         flux[i] = result->stats[STAT_flux_splatted];
     }
     double worst[2] = {0};
-    for (int frame = 0; frame < 20; frame++) {
+    for (int frame = 0; frame < 12; frame++) {
         int i = frame % 2;
         assert_true(view_set_camera(stage.view, &cameras[i], &error));
         const struct frame_result *result = truth_render(&stage, 1, 1u << CHANNEL_CAUSTICS);
@@ -225,7 +225,7 @@ static void a_size_that_changes_every_frame(void **state)
     struct error error;
     stage_open(&stage, "sphere", 64, 36, "photons=8192 cells=32");
     double flux = truth_render(&stage, 2, 1u << CHANNEL_CAUSTICS)->stats[STAT_flux_splatted], device = 0;
-    for (uint32_t i = 0; i < 48; i++) {
+    for (uint32_t i = 0; i < 36; i++) {
         uint32_t height = 1 + 36 * (1 + i % 12) / 4, width = i % 12 == 0 ? 1 : 16 * height / 9;
         assert_true(view_set_size(stage.view, width, height, &error));
         const struct frame_result *result = truth_render(&stage, 1, 1u << CHANNEL_CAUSTICS);
