@@ -28,6 +28,9 @@ void main()
     float x = group_sum(sum.x);
     float y = group_sum(sum.y);
     if (PHASE == 0u) {
+        // A few singular footprints have areas of any size: more than the budget would only reach the cells' limit.
+        if (DENSITY == DENSITY_ERROR_RULE)
+            x = min(x, float(frame.photon_budget) * frame.target_area);
         if (gl_LocalInvocationIndex == 0u)
             counters.suggestion_scale = y > 0.0 ? x / y : 0.0;
         return;

@@ -2,33 +2,26 @@
 #extension GL_GOOGLE_include_directive : require
 // density_update.comp: the control loop: next frame's density of a cell from what its photons did.
 //
-// Reads   last density, mask, feedback, counters.suggestion_scale
+// Reads   last density, mask, feedback, wishes of density_measure.comp, counters.suggestion_scale
 // Writes  density, variance; how far weaker branches are thinned out
 // Source  design 5; aaps-thesis 2.3.4: D' = D A / A_t + g v, blended in time and with the neighbours
 #include "frame.glsl"
 #include "light.glsl"
 #include "density.glsl"
+#include "block.glsl"
 layout(local_size_x = GROUP_SIZE) in;
-layout(std430, binding = BINDING_PASS + 2) readonly buffer feedback_buffer { feedback_gpu feedback[]; };
 layout(std430, binding = BINDING_PASS + 3) readonly buffer old_buffer { float old_density[]; };
-layout(std430, binding = BINDING_PASS + 4) writeonly buffer density_buffer { float density[]; };
+layout(std430, binding = BINDING_PASS + 4) buffer density_buffer { float density[]; }; // holds the wishes at first
 layout(std430, binding = BINDING_PASS + 5) writeonly buffer variance_buffer { float variance[]; };
 layout(std430, binding = BINDING_PASS + 6) buffer thinning_buffer { uint thinning[]; };
 
-// Every how many strata a block of 4 x 4 cells needs its weaker branches: the sqrt rule again, between branches.
-// A block, because a thinned cell need not send any itself.
-// `weak_share` is what a cell of the block has of the roots of weaker branches.
-uint thinning_step(uint cell, out float weak_share)
+// Every how many strata a block needs its weaker branches: the same rule again, between branches.
+uint thinning_step(uint cell)
 {
-    float all = 0.0, weak = 0.0, cells = 0.0;
-    uint first = cell & ~15u;
-    for (uint k = first; k < min(first + 16u, cell_count()); k++) {
-        all += fixed_value_of(feedback[k].root_low, feedback[k].root_high);
-        weak += fixed_value_of(feedback[k].weak_low, feedback[k].weak_high);
-        cells += mask[k] != 0u ? 1.0 : 0.0;
-    }
-    weak_share = weak / max(cells, 1.0);
-    float ratio = weak / max(all - weak, 1.0);
+    vec3 block = block_sums(cell);
+    float ratio = block.y / max(block.x, 1.0);
+    if (DENSITY == DENSITY_ERROR_RULE)
+        ratio = sqrt(ratio) / float(thinning[cell]); // of errors, which a photon for step^2 others makes step^2 times
     return ratio < 0.5 ? 2u : 1u;
 }
 
@@ -44,8 +37,7 @@ void main()
         thinning[cell] = 1u;
         return;
     }
-    float weak_share;
-    uint step = thinning_step(cell, weak_share);
+    uint step = thinning_step(cell);
     if ((frame.flags & FLAG_HOLD) == 0u)
         thinning[cell] = step;
     float value = old_density[cell];
@@ -55,10 +47,7 @@ void main()
         if (DENSITY == DENSITY_AREA_RULE)
             suggested = fixed_value_of(feedback[cell].area_low, feedback[cell].area_high) * (1.0 / 65536.0);
         else
-            // the cell's own main branches, and its share of the block's weaker ones, which not every cell follows
-            suggested = (fixed_value_of(feedback[cell].root_low, feedback[cell].root_high) -
-                         fixed_value_of(feedback[cell].weak_low, feedback[cell].weak_high) + weak_share) *
-                        (1.0 / 1048576.0) * counters.suggestion_scale;
+            suggested = density[cell] * counters.suggestion_scale;
         suggested /= frame.target_area;
         if (has(FEATURE_VARIANCE)) {
             float change = fixed_value_of(feedback[cell].change_low, feedback[cell].change_high) * (1.0 / 16777216.0);

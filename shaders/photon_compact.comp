@@ -132,7 +132,7 @@ photon make_photon(photon_ray ray, uint slot)
     p.root = 0.0;
     float samples = float(tree[ray.cell]);
     float total = channel_sum(ray.flux.xyz);
-    p.share = total / max(ray.flux.w * samples, 1e-30);
+    p.shape = packHalf2x16(vec2(total / max(ray.flux.w * samples, 1e-30), 0.0));
     p.ellipse = vec4(0.0);
     p.center = vec4(0.0);
     p.density = vec4(0.0);
@@ -202,13 +202,16 @@ photon make_photon(photon_ray ray, uint slot)
     float major = middle + apart, minor = max(middle - apart, 0.0);
     float limit = min(frame.max_radius * frame.max_radius, frame.max_anisotropy * frame.max_anisotropy * (minor + filter2));
     float trace_free = cxx + cyy;
+    vec2 axis = abs(cxx - major) > abs(cyy - major) ? vec2(cxy, major - cxx) : vec2(major - cyy, cxy);
+    float along_u = dot(a, axis), along_v = dot(b, axis);
+    float from_u = along_u * along_u / max(along_u * along_u + along_v * along_v, 1e-30);
+    p.shape |= (uint(clamp(from_u, 0.0, 1.0) * 255.0) << 16);
     bool is_limited = !is_small && major > limit;
     if (is_limited) {
         // along the major axis e: C -= (major - limit) e e^T
-        vec2 e = abs(cxx - major) > abs(cyy - major) ? vec2(cxy, major - cxx) : vec2(major - cyy, cxy);
-        float length2 = dot(e, e);
+        float length2 = dot(axis, axis);
         if (length2 > 0.0) {
-            e *= inversesqrt(length2);
+            vec2 e = axis * inversesqrt(length2);
             float excess = major - limit;
             cxx -= excess * e.x * e.x;
             cxy -= excess * e.x * e.y;

@@ -15,6 +15,7 @@ layout(std430, binding = BINDING_PASS + 1) readonly buffer tree_buffer { uint tr
 layout(std430, binding = BINDING_PASS + 2) writeonly buffer ray_buffer { photon_ray rays[]; };
 layout(std430, binding = BINDING_PASS + 3) writeonly buffer queue_buffer { uint queue[]; };
 layout(std430, binding = BINDING_PASS + 4) writeonly buffer spread_buffer { float spreads[]; };
+layout(std430, binding = BINDING_PASS + 5) readonly buffer column_buffer { uint columns[]; };
 
 // Where on the emitter the photon starts, and what of its size is left to differentials. Returns its share of the
 // light's flux against a point's.
@@ -64,8 +65,8 @@ void main()
                 below = tree[level_start + node];
             }
         }
-        uint samples = tree[node];
-        uint side = uint(sqrt(float(samples)) + 0.5);
+        uvec2 strata = uvec2(columns[node], tree[node] / columns[node]);
+        uvec2 at = uvec2(rest % strata.x, rest / strata.x);
         light_gpu light = lights[cell_light(node)];
 
         uint hash = hash_mix(hash_mix(hash_word(frame.seed), node), rest);
@@ -80,15 +81,14 @@ void main()
         uvec2 turn = uvec2(0u); // which strata carry thinned branches changes with the subframe
         if ((frame.flags & FLAG_JITTER) != 0u)
             turn = uvec2(hash_word(frame.subframe ^ frame.seed), hash_word(frame.subframe + 0x9e37u));
-        uvec2 lattice = cell_place(node) * side + uvec2(rest % side, rest / side) + turn;
-        vec2 stratum = vec2(float(rest % side), float(rest / side)) + place;
-        float size = 1.0 / (float(frame.cells) * float(side)); // of a stratum
-        vec2 uv = vec2(cell_place(node)) / float(frame.cells) + stratum * size;
+        uvec2 lattice = cell_place(node) * strata + at + turn;
+        vec2 size = 1.0 / (float(frame.cells) * vec2(strata)); // of a stratum
+        vec2 uv = vec2(cell_place(node)) / float(frame.cells) + (vec2(at) + place) * size;
         emission e = light_emit(light, uv);
 
         float weight;
         photon_spread spread = spread_zero();
-        float spacing = size; // of photons that stand for each other
+        vec2 spacing = size; // of photons that stand for each other
         if (has(FEATURE_SOFT) && light.shape != EMITTER_POINT) {
             vec2 emitter_place = vec2(0.5);
             if ((frame.flags & FLAG_JITTER) != 0u && (light.emitter_side > 1u || AA == AA_PIXEL)) {
@@ -104,17 +104,17 @@ void main()
             weight = light_falloff(light, e.direction);
         SPREAD_STORE(spreads, task, spread);
         lattice &= 3u;
-        float share = weight * light.tile_origin.w * size * size;
+        float share = weight * light.tile_origin.w * size.x * size.y;
         photon_ray ray;
-        float measure = 1.0 / max(light.tile_origin.w * spacing * spacing, 1e-30);
+        float measure = 1.0 / max(light.tile_origin.w * spacing.x * spacing.y, 1e-30);
         ray.origin = vec4(e.origin, light.map == TILE_RECT ? -measure : measure);
         ray.direction = vec4(e.direction, 0.0);
         ray.flux = vec4(light.intensity.xyz * share, light.intensity.w * share);
         differential x;
-        x.p_u = e.origin_u * spacing;
-        x.p_v = e.origin_v * spacing;
-        x.d_u = e.direction_u * spacing;
-        x.d_v = e.direction_v * spacing;
+        x.p_u = e.origin_u * spacing.x;
+        x.p_v = e.origin_v * spacing.y;
+        x.d_u = e.direction_u * spacing.x;
+        x.d_v = e.direction_v * spacing.y;
         ray_set_differential(ray, x);
         ray.cell = node;
         ray.hash = hash;

@@ -25,6 +25,7 @@ layout(std430, binding = BINDING_PASS + 5) writeonly buffer group_buffer { uvec2
 layout(std430, binding = BINDING_PASS + 6) readonly buffer thinning_buffer { uint thinning[]; };
 layout(std430, binding = BINDING_PASS + 7) buffer spread_buffer { float spreads[]; };
 layout(std430, binding = BINDING_PASS + 8) writeonly buffer child_spread_buffer { float child_spreads[]; };
+layout(std430, binding = BINDING_PASS + 9) buffer cost_buffer { uint costs[]; };
 
 layout(push_constant) uniform push_block { uint parity; };
 
@@ -100,6 +101,8 @@ void main()
         }
     }
     if (in_flight) {
+        if (DENSITY == DENSITY_ERROR_RULE)
+            atomicAdd(costs[ray.cell], 1u);
         uint stride = counters.stride[parity];
         uint bounces = ray.state & 0xffu;
         uint splits = (ray.state >> 8) & 0xfu;

@@ -1,10 +1,10 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
-// quadtree.comp: one level of the quadtree over samples per cell. Level 0: n = floor(sqrt(D))^2 under the budget;
-// above it every node is the sum of its four children.
+// quadtree.comp: one level of the quadtree over samples per cell. Level 0: n = floor(sqrt(D))^2 under the budget, or
+// with density=error k x m <= D with k / m near the cell's aspect; above it every node is the sum of its four children.
 //
-// Reads   density, counters.density_scale, the last frame's samples when held (level 0); the level below
-// Writes  density under the budget (level 0); tree: level l starts at 4 (N - N / 4^l) / 3 for N cells
+// Reads   density, aspect, counters.density_scale, the last frame's samples when held (level 0); the level below
+// Writes  density under the budget, columns k (level 0); tree: level l starts at 4 (N - N / 4^l) / 3 for N cells
 // Source  design 5; aaps-thesis 2.3.1, fig. 15
 #include "frame.glsl"
 #include "light.glsl"
@@ -12,6 +12,8 @@
 layout(local_size_x = GROUP_SIZE) in;
 layout(std430, binding = BINDING_PASS + 2) buffer density_buffer { float density[]; };
 layout(std430, binding = BINDING_PASS + 3) buffer tree_buffer { uint tree[]; };
+layout(std430, binding = BINDING_PASS + 4) buffer column_buffer { uint columns[]; };
+layout(std430, binding = BINDING_PASS + 5) readonly buffer aspect_buffer { float aspect[]; };
 layout(push_constant) uniform push_block { uint level; };
 
 void main()
@@ -29,12 +31,18 @@ void main()
             float least = float(frame.min_samples);
             d = least + (d - least) * counters.density_scale;
             density[node] = d; // what the next frame starts from is what was really used
-            uint k = max(uint(sqrt(d)), 1u);
+            uint k = max(uint(sqrt(d)), 1u), m = k;
             // What a cell's photons report jumps with k, so that a cell near a square could go back and forth
-            // between two of them for ever. At rest k stays; all of them were within the budget together.
-            if ((frame.flags & FLAG_HOLD) != 0u)
-                k = max(uint(sqrt(float(tree[node])) + 0.5), 1u);
-            value = k * k;
+            // between two of them for ever. At rest its strata stay; all of them were within the budget together.
+            if ((frame.flags & FLAG_HOLD) != 0u) {
+                k = max(columns[node], 1u);
+                m = max(tree[node] / k, 1u);
+            } else if (DENSITY == DENSITY_ERROR_RULE) {
+                k = clamp(uint(sqrt(d * exp2(aspect[node])) + 0.5), 1u, max(uint(d), 1u));
+                m = max(uint(d / float(k)), 1u);
+            }
+            columns[node] = k;
+            value = k * m;
         }
     } else {
         uint below = 4u * ((cells - 4u * count) / 3u) + 4u * node;

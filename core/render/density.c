@@ -24,6 +24,10 @@ bool density_prepare(struct view *view)
            view_buffer(view, BUFFER_DENSITY, cells * sizeof(float)) &&
            view_buffer(view, BUFFER_DENSITY_OTHER, cells * sizeof(float)) &&
            view_buffer(view, BUFFER_TREE, (cells * 4 / 3 + 1) * sizeof(uint32_t)) &&
+           view_buffer(view, BUFFER_COLUMNS, cells * sizeof(uint32_t)) &&
+           (view->settings.density != DENSITY_ERROR ||
+            (view_buffer(view, BUFFER_ASPECT, cells * sizeof(float)) &&
+             view_buffer(view, BUFFER_COSTS, cells * sizeof(uint32_t)))) &&
            view_buffer(view, BUFFER_PARTIALS, 2 * (size_t)groups_of((uint32_t)cells) * sizeof(vec2)) &&
            (!view->plan.has_feedback ||
             (view_buffer(view, BUFFER_FEEDBACK, cells * sizeof(struct feedback_gpu)) &&
@@ -35,10 +39,13 @@ void density_record(struct view *view, struct gpu_frame *frame)
 {
     uint32_t cells = cell_total(view), groups = groups_of(cells);
     struct renderer *renderer = view->renderer;
+    bool is_error_rule = view->settings.density == DENSITY_ERROR;
+    enum view_buffer aspect = is_error_rule ? BUFFER_ASPECT : BUFFER_PARTIALS; /* any, where it is not used */
+    enum view_buffer costs = is_error_rule ? BUFFER_COSTS : BUFFER_MASK;
     gpu_pass_begin(frame, "density");
     /* The last frame's photons report about the last frame's tiles: take that in before tiles change. */
     if (view->has_feedback) {
-        if (view->settings.density == DENSITY_SQRT) {
+        if (view->settings.density == DENSITY_SQRT || is_error_rule) {
             view_dispatch(view, frame,
                           &(struct view_dispatch){.shader = "density_measure.comp",
                                                   .lights = true,
@@ -46,7 +53,13 @@ void density_record(struct view *view, struct gpu_frame *frame)
                                                   USES({BINDING_PASS, GPU_READ_WRITE, BUFFER_COUNTERS},
                                                        {BINDING_PASS + 1, GPU_READ, BUFFER_MASK},
                                                        {BINDING_PASS + 2, GPU_READ, BUFFER_FEEDBACK},
-                                                       {BINDING_PASS + 3, GPU_WRITE, BUFFER_PARTIALS})});
+                                                       {BINDING_PASS + 3, GPU_WRITE, BUFFER_PARTIALS},
+                                                       {BINDING_PASS + 4, GPU_WRITE, density_now(view)},
+                                                       {BINDING_PASS + 5, GPU_READ, BUFFER_TREE},
+                                                       {BINDING_PASS + 6, GPU_READ, BUFFER_COLUMNS},
+                                                       {BINDING_PASS + 7, GPU_READ, BUFFER_THINNING},
+                                                       {BINDING_PASS + 8, GPU_READ_WRITE, aspect},
+                                                       {BINDING_PASS + 9, GPU_READ, costs})});
             view_dispatch(view, frame,
                           &(struct view_dispatch){.shader = "density_scale.comp",
                                                   .lights = true,
@@ -65,13 +78,15 @@ void density_record(struct view *view, struct gpu_frame *frame)
                                          {BINDING_PASS + 1, GPU_READ, BUFFER_MASK},
                                          {BINDING_PASS + 2, GPU_READ, BUFFER_FEEDBACK},
                                          {BINDING_PASS + 3, GPU_READ, density_before(view)},
-                                         {BINDING_PASS + 4, GPU_WRITE, density_now(view)},
+                                         {BINDING_PASS + 4, GPU_READ_WRITE, density_now(view)},
                                          {BINDING_PASS + 5, GPU_WRITE,
                                           view->plan.has_variance ? BUFFER_VARIANCE : BUFFER_THINNING},
                                          {BINDING_PASS + 6, GPU_READ_WRITE, BUFFER_THINNING})});
     } else {
         if (view->plan.has_feedback)
             gpu_record_fill(frame, view->buffers[BUFFER_THINNING], 0, cells * sizeof(uint32_t), 1);
+        if (is_error_rule)
+            gpu_record_fill(frame, view->buffers[BUFFER_ASPECT], 0, cells * sizeof(float), 0);
         if (view->plan.has_variance)
             gpu_record_fill(frame, view->buffers[BUFFER_VARIANCE], 0, cells * sizeof(float), 0);
         if (view->has_density)
@@ -128,9 +143,13 @@ void density_record(struct view *view, struct gpu_frame *frame)
                                               USES({BINDING_PASS, GPU_READ_WRITE, BUFFER_COUNTERS},
                                                    {BINDING_PASS + 1, GPU_READ, BUFFER_MASK},
                                                    {BINDING_PASS + 2, GPU_READ_WRITE, density_now(view)},
-                                                   {BINDING_PASS + 3, GPU_READ_WRITE, BUFFER_TREE})});
+                                                   {BINDING_PASS + 3, GPU_READ_WRITE, BUFFER_TREE},
+                                                   {BINDING_PASS + 4, GPU_READ_WRITE, BUFFER_COLUMNS},
+                                                   {BINDING_PASS + 5, GPU_READ, aspect})});
         if (count == 1)
             break;
     }
+    if (is_error_rule)
+        gpu_record_fill(frame, view->buffers[BUFFER_COSTS], 0, cells * sizeof(uint32_t), 0);
     gpu_pass_end(frame);
 }

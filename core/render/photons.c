@@ -44,7 +44,8 @@ void photons_record(struct view *view, struct gpu_frame *frame)
             .indirect_offset = offsetof(struct counters_gpu, queue),
             USES({BINDING_PASS, GPU_READ_WRITE, BUFFER_COUNTERS}, {BINDING_PASS + 1, GPU_READ, BUFFER_TREE},
                  {BINDING_PASS + 2, GPU_WRITE, BUFFER_RAYS}, {BINDING_PASS + 3, GPU_WRITE, BUFFER_QUEUE},
-                 {BINDING_PASS + 4, GPU_WRITE, view->plan.has_spreads ? BUFFER_SPREADS : BUFFER_QUEUE})});
+                 {BINDING_PASS + 4, GPU_WRITE, view->plan.has_spreads ? BUFFER_SPREADS : BUFFER_QUEUE},
+                 {BINDING_PASS + 5, GPU_READ, BUFFER_COLUMNS})});
     gpu_pass_end(frame);
     /* a photon that becomes three bands is traced once more */
     uint32_t bounces =
@@ -75,8 +76,9 @@ void photons_record(struct view *view, struct gpu_frame *frame)
                      {BINDING_PASS + 3, GPU_READ, queue}, {BINDING_PASS + 4, GPU_WRITE, BUFFER_OUTCOMES},
                      {BINDING_PASS + 5, GPU_WRITE, BUFFER_GROUPS},
                      {BINDING_PASS + 6, GPU_READ, view->plan.has_feedback ? BUFFER_THINNING : queue},
-                     {BINDING_PASS + 7, GPU_READ_WRITE, spread},
-                     {BINDING_PASS + 8, GPU_WRITE, child_spread})});
+                     {BINDING_PASS + 7, GPU_READ_WRITE, spread}, {BINDING_PASS + 8, GPU_WRITE, child_spread},
+                     {BINDING_PASS + 9, GPU_READ_WRITE,
+                      view->settings.density == DENSITY_ERROR ? BUFFER_COSTS : BUFFER_OUTCOMES})});
         gpu_pass_end(frame);
         gpu_pass_begin(frame, "compact");
         view_dispatch(view, frame,

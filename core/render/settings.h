@@ -14,7 +14,7 @@
 
 enum setting_type { SETTING_BOOL, SETTING_INT, SETTING_FLOAT, SETTING_CHOICE };
 
-enum density_rule { DENSITY_SQRT, DENSITY_AREA, DENSITY_UNIFORM };
+enum density_rule { DENSITY_SQRT, DENSITY_AREA, DENSITY_UNIFORM, DENSITY_ERROR };
 enum split_rule { SPLIT_ENERGY, SPLIT_ONCE, SPLIT_ROULETTE };
 enum splat_aa {
     SPLAT_AA_FILTER,
@@ -35,9 +35,9 @@ enum tile_fit { TILE_FIT_CASTERS, TILE_FIT_FULL };
     S(photons, INT, 1, 4194304, 131072, "", "budget: most photons emitted per frame")                        \
     S(target_area, FLOAT, 1e-3, 1e5, 0.1, "",                                                                \
       "wanted mean projected area of a photon, px^2; smaller: more photons")                                 \
-    S(density, CHOICE, 0, 2, DENSITY_SQRT, "sqrt,area,uniform",                                              \
-      "how density follows what photons did: sqrt of area times flux, area alone (the papers), or not at "   \
-      "all")                                                                                                 \
+    S(density, CHOICE, 0, 3, DENSITY_ERROR, "sqrt,area,uniform,error",                                       \
+      "how density follows what photons did: the error their size makes in the picture, sqrt of area times " \
+      "flux, area alone (the papers), or not at all")                                                        \
     S(variance_gain, FLOAT, 0, 1e6, 2, "", "extra photons per cell where the picture changes over time")     \
     S(temporal_weight, FLOAT, 0, 1, 0.5, "",                                                                 \
       "w_t: share of the newly suggested density; the rest is the neighbourhood's last")                     \

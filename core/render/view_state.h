@@ -85,6 +85,9 @@ enum view_buffer {
     BUFFER_DENSITY, /* even and odd frames */
     BUFFER_DENSITY_OTHER,
     BUFFER_TREE,
+    BUFFER_COLUMNS, /* strata of a cell in u; its leaf of the tree over it: in v */
+    BUFFER_ASPECT,  /* density=error: log2 of wanted columns over rows */
+    BUFFER_COSTS,   /* density=error: rays traced for a cell */
     BUFFER_PARTIALS,
     BUFFER_FEEDBACK,
     BUFFER_VARIANCE,

@@ -50,6 +50,7 @@
 #define DENSITY_SQRT_RULE    0
 #define DENSITY_AREA_RULE    1
 #define DENSITY_UNIFORM_RULE 2
+#define DENSITY_ERROR_RULE   3
 #define AA_FILTER            0
 #define AA_NONE              1
 #define AA_PIXEL             2
@@ -213,7 +214,8 @@ struct photon {
     uint cell;     /* NONE: not drawn; CELL_WEAK is set on a weaker branch */
     float area;    /* projected, px^2, without filter and limits */
     float root;    /* sqrt(area * flux / flux of a mean cell), px */
-    float share;   /* of its cell's flux */
+    uint shape;    /* bits 0-15 share of its cell's flux, half float; 16-23 how much of the ellipse's major
+                      axis comes from u, of 255 */
 };
 SHARED_SIZE(photon, 80);
 
@@ -297,14 +299,19 @@ struct counters_gpu {
 #define QUEUE_COUNT 3 /* in queue[4 parity + ...] */
 SHARED_SIZE(counters_gpu, 320);
 
-/* Accumulators of one cell's feedback, 64-bit fixed point as low and high word. */
+/* Accumulators of one cell's feedback, 64-bit fixed point as low and high word. Errors are flux put in the
+ * wrong place, in parts of a mean cell's flux. */
 struct feedback_gpu {
     uint area_low, area_high;     /* sum of projected areas, 2^-16 px^2 */
     uint root_low, root_high;     /* sum of sqrt(area * share), 2^-20 px */
     uint change_low, change_high; /* sum of share * relative change, 2^-24 */
-    uint weak_low, weak_high;     /* like root, of photons on weaker branches only */
+    uint weak_low, weak_high; /* like root, of photons on weaker branches only; density=error: their errors,
+                                 2^-30 */
+    uint error_u_low,
+        error_u_high; /* density=error: by the strata's size in u, 2^-30; weaker branches left out */
+    uint error_v_low, error_v_high; /* and in v */
 };
-SHARED_SIZE(feedback_gpu, 32);
+SHARED_SIZE(feedback_gpu, 48);
 
 /* ---- camera side --------------------------------------------------------------------------------------- */
 

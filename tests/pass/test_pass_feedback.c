@@ -1,6 +1,7 @@
 /* test_pass_feedback.c: what photons report to their cells, against a serial loop in double precision. */
 #include <string.h>
 
+#include "core/image/image_io.h"
 #include "tests/support/check.h"
 #include "tests/support/pass_device.h"
 
@@ -23,6 +24,13 @@ static int tear_down(void **state)
     return 0;
 }
 
+static float word_as_float(uint32_t word)
+{
+    float value;
+    memcpy(&value, &word, sizeof value);
+    return value;
+}
+
 static double between(double low, double high)
 {
     return low + (high - low) * pass_random(&random_state);
@@ -30,9 +38,10 @@ static double between(double low, double high)
 
 struct report {
     struct frame_gpu frame;
-    uint32_t features;
+    uint32_t features, rule;
     struct counters_gpu counters;
     struct photon photons[PHOTONS];
+    struct target_gpu targets[PIXELS];
     vec4 now[PIXELS], before[PIXELS];
     struct feedback_gpu feedback[CELLS];
 };
@@ -42,6 +51,10 @@ static struct report *report_of(void)
     struct report *r = calloc(1, sizeof *r);
     assert_non_null(r);
     r->features = FEATURE_VARIANCE;
+    r->rule = DENSITY_SQRT_RULE;
+    r->frame.filter_radius = 0.75f;
+    for (uint32_t i = 0; i < PIXELS; i++) /* a pixel in seven shows no receiver */
+        r->targets[i].position_normal.w = word_as_float(i % 7 ? 0 : NONE);
     r->counters.photon_count = PHOTONS - 100; /* what lies behind is none of this frame's */
     r->frame.width = WIDTH;
     r->frame.height = HEIGHT;
@@ -66,7 +79,14 @@ static struct report *report_of(void)
         p->center = (vec4){(float)between(-4, WIDTH + 4), (float)between(-4, HEIGHT + 4), 0, 0};
         p->area = i % 9 ? (float)exp(between(-6, 8)) : 0;
         p->root = (float)exp(between(-4, 4));
-        p->share = (float)between(0, 0.3);
+        p->shape = image_half_from_float((float)between(0, 0.3)) | ((uint32_t)between(0, 256) << 16);
+        /* any covariance, filter included, as the inverse's upper triangular root; or a box below a pixel */
+        double xx = exp(between(-2, 5)) + 0.5625, yy = exp(between(-2, 5)) + 0.5625;
+        double xy = between(-0.95, 0.95) * sqrt((xx - 0.5625) * (yy - 0.5625)), det = xx * yy - xy * xy;
+        p->ellipse = (vec4){(float)sqrt(yy / det), (float)(-xy / sqrt(yy * det)), (float)(1 / sqrt(yy)),
+                            (float)sqrt(yy)};
+        if (i % 11 == 0)
+            p->ellipse = (vec4){(float)between(0, 1), (float)between(0, 1), 0, -1};
         p->cell = i % 13 ? (uint32_t)between(0, CELLS) | (i % 3 ? 0 : CELL_WEAK) : NONE;
     }
     return r;
@@ -79,13 +99,15 @@ static void run(struct report *r)
         device,
         &(struct pass_run){.shader = "feedback.comp",
                            .features = r->features,
+                           .density = r->rule,
                            .threads = PHOTONS,
                            PASS_LISTS({BINDING_FRAME, GPU_READ, &r->frame, sizeof r->frame},
                                       {BINDING_PASS, GPU_READ_WRITE, &r->counters, sizeof r->counters},
-                                      {BINDING_PASS + 1, GPU_READ, r->photons, sizeof r->photons},
+                                      {BINDING_PASS + 1, GPU_READ, r->targets, sizeof r->targets},
                                       {BINDING_PASS + 2, GPU_READ_WRITE, r->feedback, sizeof r->feedback},
                                       {BINDING_PASS + 3, GPU_READ, r->now, sizeof r->now},
-                                      {BINDING_PASS + 4, GPU_READ, r->before, sizeof r->before})});
+                                      {BINDING_PASS + 4, GPU_READ, r->before, sizeof r->before},
+                                      {BINDING_PASS + 5, GPU_READ, r->photons, sizeof r->photons})});
 }
 
 static double luminance(vec4 c)
@@ -112,6 +134,11 @@ static double change_of(const struct report *r, const struct photon *p, bool *is
     return a + b > 0 ? fabs(a - b) / (a + b) : 0;
 }
 
+static double share_of(const struct photon *p)
+{
+    return (double)image_half_to_float((uint16_t)p->shape);
+}
+
 static void cells_get_the_sums(void **state)
 {
     (void)state;
@@ -126,14 +153,14 @@ static void cells_get_the_sums(void **state)
             continue;
         uint32_t cell = p->cell & ~CELL_WEAK;
         bool is_border = false;
-        double moved = (double)p->share * change_of(r, p, &is_border);
+        double moved = share_of(p) * change_of(r, p, &is_border);
         changed += moved > 0;
         counts[cell]++;
         area[cell] += (double)p->area;
         root[cell] += (double)p->root;
         weak[cell] += p->cell & CELL_WEAK ? (double)p->root : 0;
         change[cell] += moved;
-        doubt[cell] += is_border ? (double)p->share : 0;
+        doubt[cell] += is_border ? share_of(p) : 0;
     }
     double worst = 0;
     for (uint32_t i = 0; i < CELLS; i++) {
@@ -206,6 +233,100 @@ static void order_changes_no_bit(void **state)
     free(r);
 }
 
+/* Luminance between pixel middles, of those that show a receiver; `fallback` where none does. */
+static double luminance_at(const struct report *r, double x, double y, double fallback)
+{
+    int x0 = (int)floor(x - 0.5), y0 = (int)floor(y - 0.5);
+    double sum = 0, weight = 0;
+    for (int k = 0; k < 4; k++) {
+        int px = x0 + k % 2, py = y0 + k / 2;
+        if (px < 0 || py < 0 || px >= WIDTH || py >= HEIGHT || (py * WIDTH + px) % 7 == 0)
+            continue;
+        double w = (1 - fabs(x - 0.5 - px)) * (1 - fabs(y - 0.5 - py));
+        sum += w * luminance(r->now[py * WIDTH + px]);
+        weight += w;
+    }
+    return weight > 0 ? sum / weight : fallback;
+}
+
+/* A kernel of variance C / 6 blurs a picture I by half of I'' C / 6: with I'' C by differences over the
+ * footprint's own axes, I(+) + I(-) - 2 I, that is a twelfth of it. Differences are taken over a pixel at
+ * least. A thousandth is the least. */
+static void model_error(const struct report *r, const struct photon *p, double error[2])
+{
+    double xx, yy, xy;
+    if (p->ellipse.w < 0) { /* a box of sides sqrt(2 C), without filter */
+        xx = 0.5 * pow((double)p->ellipse.x, 2) + 0.5625;
+        yy = 0.5 * pow((double)p->ellipse.y, 2) + 0.5625;
+        xy = 0;
+    } else { /* the inverse of U^T U */
+        double a = (double)p->ellipse.x, b = (double)p->ellipse.y, c = (double)p->ellipse.z;
+        double m00 = a * a, m01 = a * b, m11 = b * b + c * c, det = m00 * m11 - m01 * m01;
+        xx = m11 / det, yy = m00 / det, xy = -m01 / det;
+    }
+    double angle = 0.5 * atan2(2 * xy, xx - yy);
+    double here = luminance_at(r, (double)p->center.x, (double)p->center.y, -1), blur[2] = {0, 0};
+    for (int k = 0; k < 2; k++, angle += 1.5707963267948966) {
+        double ex = cos(angle), ey = sin(angle);
+        double width = fmax(xx * ex * ex + 2 * xy * ex * ey + yy * ey * ey - 0.5625, 0);
+        double far = fmax(width, 1), reach = sqrt(far);
+        double ahead =
+            luminance_at(r, (double)p->center.x + reach * ex, (double)p->center.y + reach * ey, here);
+        double behind =
+            luminance_at(r, (double)p->center.x - reach * ex, (double)p->center.y - reach * ey, here);
+        if (here > 0)
+            blur[k] = fmin(fabs(ahead + behind - 2 * here) * width / far / (12 * here), 1);
+    }
+    double from_u = ((p->shape >> 16) & 255) / 255.0;
+    for (int k = 0; k < 2; k++)
+        error[k] = 0.001 + (k ? 1 - from_u : from_u) * blur[0] + (k ? from_u : 1 - from_u) * blur[1];
+}
+
+static void errors_follow_the_model(void **state)
+{
+    (void)state;
+    random_state = 12;
+    struct report *r = report_of();
+    r->rule = DENSITY_ERROR_RULE;
+    for (uint32_t i = 0; i < PIXELS; i++) /* a picture whose second differences mean something */
+        for (int k = 0; k < 3; k++) {
+            float value = (float)(2 + sin(0.3 * (i % WIDTH)) + cos(0.2 * (int)(i / WIDTH)));
+            (&r->now[i].x)[k] = value;
+        }
+    run(r);
+    double u[CELLS] = {0}, v[CELLS] = {0}, weak[CELLS] = {0}, worst = 0;
+    uint32_t counts[CELLS] = {0};
+    for (uint32_t i = 0; i < r->counters.photon_count; i++) {
+        const struct photon *p = &r->photons[i];
+        if (p->cell == NONE || !(p->area > 0))
+            continue;
+        double error[2], flux = pow((double)p->root, 2) / fmin(fmax((double)p->area, 0.5), 1000);
+        model_error(r, p, error);
+        uint32_t cell = p->cell & ~CELL_WEAK;
+        counts[cell]++;
+        if (p->cell & CELL_WEAK)
+            weak[cell] += flux * (error[0] + error[1]);
+        else {
+            u[cell] += flux * error[0];
+            v[cell] += flux * error[1];
+        }
+    }
+    for (uint32_t i = 0; i < CELLS; i++) {
+        const struct feedback_gpu *f = &r->feedback[i];
+        double found[3] = {pass_fixed(f->error_u_low, f->error_u_high) * 0x1p-30,
+                           pass_fixed(f->error_v_low, f->error_v_high) * 0x1p-30,
+                           pass_fixed(f->weak_low, f->weak_high) * 0x1p-30};
+        const double expected[3] = {u[i], v[i], weak[i]};
+        for (int k = 0; k < 3; k++) {
+            assert_true(counts[i] > 10 && expected[k] > 0);
+            worst = fmax(worst, fabs(found[k] / expected[k] - 1));
+        }
+    }
+    print_message("errors of %d cells agree within %.1e\n", CELLS, worst);
+    assert_in_bound(worst, 1e-3);
+    free(r);
+}
+
 /* The largest areas a photon may have carry into the high words. */
 static void sums_pass_32_bits(void **state)
 {
@@ -230,9 +351,8 @@ static void sums_pass_32_bits(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(cells_get_the_sums),
-        cmocka_unit_test(nothing_changes_without_a_previous_frame),
-        cmocka_unit_test(order_changes_no_bit),
+        cmocka_unit_test(cells_get_the_sums),      cmocka_unit_test(nothing_changes_without_a_previous_frame),
+        cmocka_unit_test(errors_follow_the_model), cmocka_unit_test(order_changes_no_bit),
         cmocka_unit_test(sums_pass_32_bits),
     };
     return cmocka_run_group_tests(tests, set_up, tear_down);

@@ -100,7 +100,8 @@ static struct emission emit(const struct light_gpu *light, uint32_t cells, const
                                               {BINDING_PASS + 1, GPU_READ, tree, pass_tree_size(total) * 4},
                                               {BINDING_PASS + 2, GPU_WRITE, e.rays, e.count * sizeof *e.rays},
                                               {BINDING_PASS + 3, GPU_WRITE, queue, e.count * 4},
-                                              {BINDING_PASS + 4, GPU_WRITE, NULL, 0})});
+                                              {BINDING_PASS + 4, GPU_WRITE, NULL, 0},
+                                              {BINDING_PASS + 5, GPU_READ, (void *)sides, total * 4})});
     for (uint32_t i = 0; i < e.count; i++)
         assert_int_equal(queue[i], i);
     e.ledger = pass_fixed(counters.flux_low[FATE_EMITTED], counters.flux_high[FATE_EMITTED]) *
