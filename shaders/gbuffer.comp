@@ -22,6 +22,7 @@ layout(std430, binding = BINDING_PASS + 2) writeonly buffer chain_buffer { chain
 layout(std430, binding = BINDING_PASS + 3) writeonly buffer weight_buffer { vec4 weights[]; };
 
 const float REACH_MAX = 4.0; // of a pixel's axes on a surface, against the same distance seen straight
+const float LEAST_REACH = 0.125; // of a point for the grid, px of the same distance seen straight
 const float STRETCH_MAX = 4.0; // and of one against the other
 const float BRANCH_SHARE_MIN = 1e-3; // of the light at the first glass, for the weaker branch to be followed
 
@@ -85,7 +86,9 @@ chain_point make_chain_point(vec3 relative, vec3 normal, differential x, vec3 th
     a *= min(1.0, sqrt(most2 / max(a2, 1e-30)));
     b *= min(1.0, sqrt(most2 / max(b2, 1e-30)));
     point.position_normal = vec4(relative, uintBitsToFloat(pack_normal(normal)));
-    point.axes = pack_axes(a, b, channel_sum(throughput) / 3.0);
+    // Magnified without end, a point would ask for cells so fine that no photon could be walked through them.
+    float least = LEAST_REACH * sqrt(dot(relative, relative) * frame.forward.w);
+    point.axes = pack_axes(a, b, least, channel_sum(throughput) / 3.0);
     return point;
 }
 

@@ -12,11 +12,11 @@ void tangent_frame(vec3 normal, out vec3 t1, out vec3 t2)
     t2 = cross(normal, t1);
 }
 
-uvec4 pack_axes(vec3 x, vec3 y, float throughput)
+uvec4 pack_axes(vec3 x, vec3 y, float least, float throughput)
 {
     // the longest radius of their ellipse, rounded up to what is left of a float: the grid relies on it
     float xx = dot(x, x), yy = dot(y, y), xy = dot(x, y);
-    float reach = max(sqrt(0.5 * (xx + yy) + sqrt(0.25 * (xx - yy) * (xx - yy) + xy * xy)), REACH_MIN);
+    float reach = max(sqrt(0.5 * (xx + yy) + sqrt(0.25 * (xx - yy) * (xx - yy) + xy * xy)), max(least, REACH_MIN));
     uint bits = (floatBitsToUint(reach) + 0xfffu) & ~0xfffu;
     float scale = 1.0 / uintBitsToFloat(bits);
     x *= scale;
@@ -85,7 +85,11 @@ float lookup_kernel(vec3 offset, vec3 normal, vec3 t1, vec3 t2, vec4 photon, uin
     float cxx = photon.x + a.x * a.x + b.x * b.x;
     float cxy = photon.y + a.x * a.y + b.x * b.y;
     float cyy = photon.z + a.y * a.y + b.y * b.y;
-    float det = max(cxx * cyy - cxy * cxy, 1e-6 * cxx * cyy);
+    float det = cxx * cyy - cxy * cxy;
+    if (!(det > 1e-6 * cxx * cyy)) { // thinner than a float tells: never a form that is negative somewhere
+        cxy *= 0.9999995 * sqrt(cxx * cyy) / max(abs(cxy), 1e-30);
+        det = 1e-6 * cxx * cyy;
+    }
     vec2 o = vec2(dot(offset, t1), dot(offset, t2));
     float r2 = (cyy * o.x * o.x - 2.0 * cxy * o.x * o.y + cxx * o.y * o.y) / det;
     bool takes = r2 < 1.0 && abs(dot(offset, normal)) <= photon.w + 0.25 * reach && dot(unpack_normal(point_normal), normal) > 0.5;

@@ -94,14 +94,12 @@ lookup_photon make_lookup_photon(photon_ray ray, uint slot)
                                    (minor / max(pixel2, 1e-30) + frame.filter_radius * frame.filter_radius));
     if (major > limit) {
         vec2 e = abs(cxx - major) > abs(cyy - major) ? vec2(cxy, major - cxx) : vec2(major - cyy, cxy);
-        float excess = (major - limit) / max(dot(e, e), 1e-30);
-        cxx -= excess * e.x * e.x;
-        cxy -= excess * e.x * e.y;
-        cyy -= excess * e.y * e.y;
-        if (minor > limit) {
-            cxx = cyy = limit;
-            cxy = 0.0;
-        }
+        // from its axes, not by subtraction: what is left of a very long footprint would be rounding
+        e *= inversesqrt(max(dot(e, e), 1e-30));
+        minor = min(minor, limit);
+        cxx = minor + (limit - minor) * e.x * e.x;
+        cxy = (limit - minor) * e.x * e.y;
+        cyy = minor + (limit - minor) * e.y * e.y;
     }
     float spread = 0.25 * sqrt(frame.kappa) * (length(a) + length(b));
     float area = abs(a.x * b.y - a.y * b.x);
@@ -114,7 +112,9 @@ lookup_photon make_lookup_photon(photon_ray ray, uint slot)
         area *= spread_area_scale(sqrt(max(wide.x * wide.z - wide.y * wide.y, 0.0)) / pixel2);
     }
     p.position = vec4(position, uintBitsToFloat(packed));
-    p.covariance = vec4(max(cxx, 0.0), cxy, max(cyy, 0.0), min(spread, 0.25 * frame.max_radius * sqrt(pixel2)));
+    // Where photons focus and the glass magnifies, neither footprint nor pixel bounds the kernel: an eighth of a pixel.
+    float least = pixel2 * (1.0 / 64.0);
+    p.covariance = vec4(max(cxx, 0.0) + least, cxy, max(cyy, 0.0) + least, min(spread, 0.25 * frame.max_radius * sqrt(pixel2)));
     p.flux = vec4(ray.flux.xyz, area);
     p.cell = fate == FATE_CULLED_SOLID_ANGLE ? NONE : ray.cell | ((ray.state & STATE_WEAK) != 0u ? CELL_WEAK : 0u);
     return p;

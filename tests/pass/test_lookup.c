@@ -200,6 +200,58 @@ static void water_shows_its_floor(void **state)
     assert_in_bound(fabs(bias), 0.002);
 }
 
+/* From under water the surface mirrors the floor, more of it the flatter the view: that is the weaker branch
+ * up to total reflection, and only camera_branches=2 shows it. */
+static void second_branch_is_the_reflection(void **state)
+{
+    (void)state;
+    const double ior = 1.33, intensity = 10;
+    struct truth truth;
+    struct truth_params params = {
+        .caster = TRUTH_INTERFACE,
+        .size = 8,
+        .height = 1,
+        .ior = ior,
+        .light = {0, 2, 0},
+        .intensity = intensity,
+        .camera = {.eye = {0.3f, 0.5f, 0.4f}, .at = {0.3f, 1, 0.4f}, .up = {0, 0, -1}, .fov = 80},
+        .width = WIDTH,
+        .height_px = HEIGHT,
+        .settings = "density=uniform photons=200000 kappa=16 camera_branches=2",
+    };
+    truth_open(&truth, &params);
+    const float *indirect = truth_channel(truth_render(&truth, 1, INDIRECT), CHANNEL_INDIRECT);
+    struct analytic_interface scene = {.intensity = intensity, .light_height = 1, .depth = 1, .ior = ior};
+    static double errors[WIDTH * HEIGHT];
+    double mean = 0, bias = 0, tangent = tan(40 * 3.14159265358979 / 180) / (0.5 * HEIGHT);
+    uint32_t partial = 0;
+    for (uint32_t y = 0; y < HEIGHT; y++)
+        for (uint32_t x = 0; x < WIDTH; x++) {
+            /* the image's right is -x */
+            double across = -(x + 0.5 - 0.5 * WIDTH) * tangent, down = (y + 0.5 - 0.5 * HEIGHT) * tangent;
+            double radius = hypot(0.3 + 1.5 * across, 0.4 + 1.5 * down);
+            double reflected = analytic_fresnel(1 / sqrt(1 + across * across + down * down), ior, 1);
+            double expected = analytic_interface_irradiance(&scene, radius) / 3.14159265358979 * reflected;
+            size_t at = (size_t)y * WIDTH + x;
+            double error = (double)indirect[3 * at] / expected - 1;
+            errors[at] = fabs(error);
+            mean += fabs(error) / (WIDTH * HEIGHT);
+            bias += error / (WIDTH * HEIGHT);
+            partial += reflected < 0.5;
+        }
+    double percentile99 = measure_percentile(errors, WIDTH * HEIGHT, 99);
+    print_message("surface from below: error mean %.4f, 99th percentile %.4f, bias %.5f\n", mean,
+                  percentile99, bias);
+    assert_true(partial > WIDTH * HEIGHT / 4 && partial < WIDTH * HEIGHT);
+    truth_set(&truth, "camera_branches=1");
+    double one = truth_render(&truth, 1, INDIRECT)->stats[STAT_pixels_looked_up];
+    assert_close(one, WIDTH * HEIGHT - partial, 0.01 * WIDTH * HEIGHT);
+    truth_close(&truth);
+    assert_in_bound(mean, 0.005);
+    assert_in_bound(percentile99, 0.03);
+    assert_in_bound(fabs(bias), 0.002);
+}
+
 /* ---- frames -------------------------------------------------------------------------------------------- */
 
 /* Photons of frame `frames` that are seen through glass per photon emitted, when the frames before had these
@@ -236,6 +288,31 @@ static void what_is_seen_so_gets_photons(void **state)
     assert_true(with > 1.5 * without);
 }
 
+/* Footprints of kilometres, from rays that leave glass at a grazing angle, are cut to size with their energy:
+ * how short does not change how much light there is, and no pixel blows up. */
+static void long_footprints_keep_their_energy(void **state)
+{
+    (void)state;
+    struct truth stage;
+    struct error error = {0};
+    double sums[2] = {0, 0}, largest = 0;
+    stage_open(&stage, "square", WIDTH, HEIGHT, "density=uniform photons=20000");
+    assert_true(view_follow_camera(stage.view, 1, &error));
+    for (int i = 0; i < 2; i++) {
+        truth_set(&stage, i ? "max_radius=4" : "max_radius=64");
+        const float *indirect = truth_channel(truth_render(&stage, 1, INDIRECT), CHANNEL_INDIRECT);
+        for (uint32_t k = 0; k < VALUES; k++) {
+            sums[i] += (double)indirect[k];
+            largest = fmax(largest, (double)indirect[k]);
+        }
+    }
+    truth_close(&stage);
+    print_message("long footprints: sums %.4g and %.4g, largest %.3g\n", sums[0], sums[1], largest);
+    assert_true(sums[0] > 0);
+    assert_close(sums[1] / sums[0], 1, 0.02);
+    assert_in_bound(largest, 50);
+}
+
 int main(void)
 {
     if (gpu_list(NULL, 0) == 0)
@@ -243,6 +320,8 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(mirror_shows_what_a_mirrored_camera_sees),
         cmocka_unit_test(water_shows_its_floor),
+        cmocka_unit_test(second_branch_is_the_reflection),
+        cmocka_unit_test(long_footprints_keep_their_energy),
         cmocka_unit_test(reruns_give_the_same_bits),
         cmocka_unit_test(what_is_seen_so_gets_photons),
     };
