@@ -280,6 +280,13 @@ size_t renderer_rays_per_photon(const struct scene *scene)
     return disperses(scene) ? RAYS_PER_BAND_PHOTON : RAYS_PER_PHOTON;
 }
 
+/* Of a ray, or of the columns beside it where those are more: five of six floats (shaders/spread.glsl). */
+static size_t ray_bytes(const struct scene *scene)
+{
+    size_t columns = disperses(scene) ? 5 * 6 * sizeof(float) : 0;
+    return columns > sizeof(struct photon_ray) ? columns : sizeof(struct photon_ray);
+}
+
 size_t renderer_stored_per_photon(const struct scene *scene)
 {
     return disperses(scene) ? STORED_PER_BAND_PHOTON : STORED_PER_PHOTON;
@@ -308,7 +315,7 @@ struct renderer *renderer_create(const struct renderer_params *params, struct er
     uint64_t pixels = most / sizeof(struct surface_gpu),
              photons = most / (renderer_stored_per_photon(r->scene) * sizeof(struct photon));
     r->limits.max_pixels = (uint32_t)(pixels < VIEW_MAX_PIXELS ? pixels : VIEW_MAX_PIXELS);
-    uint64_t rays = most / (renderer_rays_per_photon(r->scene) * sizeof(struct photon_ray));
+    uint64_t rays = most / (renderer_rays_per_photon(r->scene) * ray_bytes(r->scene));
     photons = photons < rays ? photons : rays;
     photons = photons / 4096 * 4096;
     r->limits.max_photons = (uint32_t)fmin((double)photons, setting_infos[SETTING_photons].maximum);
