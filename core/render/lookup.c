@@ -174,7 +174,7 @@ void lookup_add_counters(struct view *view)
         {STAT_pixels_looked_up, LOOKUP_COUNT_POINTS},   {STAT_lookup_cells, LOOKUP_COUNT_CELLS},
         {STAT_lookup_photons, LOOKUP_COUNT_PHOTONS},    {STAT_lookup_photons_seen, LOOKUP_COUNT_SEEN},
         {STAT_lookup_evaluations, LOOKUP_COUNT_KERNEL}, {STAT_lookup_inside, LOOKUP_COUNT_INSIDE},
-        {STAT_guard_overflow, LOOKUP_COUNT_OVERFLOW},   {STAT_guard_lookup, LOOKUP_COUNT_GUARD},
+        {STAT_guard_overflow, LOOKUP_COUNT_OVERFLOW},   {STAT_lookup_limited, LOOKUP_COUNT_GUARD},
     };
     const struct lookup_gpu *lookup = gpu_buffer_map(view->buffers[BUFFER_READBACK_LOOKUP]);
     for (size_t i = 0; i < sizeof counts / sizeof *counts; i++)

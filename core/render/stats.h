@@ -44,6 +44,7 @@
     S(lookup_photons_seen, "count", "those that reached at least one chain point")                           \
     S(lookup_evaluations, "count", "times a photon's kernel was evaluated at a chain point")                 \
     S(lookup_inside, "count", "evaluations that fell inside the kernel")                                     \
+    S(lookup_limited, "count", "footprints, walks and chain points limited by the lookup grid")              \
     S(density_total, "count", "sum of the density over all cells before rounding")                           \
     S(density_largest, "count", "density of the densest cell")                                               \
     S(cells_masked, "count", "cells that can meet a caster")                                                 \
@@ -52,7 +53,6 @@
     S(guard_footprint, "count", "footprints that are not finite: drawn as points")                           \
     S(guard_traversal, "count", "rays ended by the traversal's iteration cap")                               \
     S(guard_overflow, "count", "splat contributions clamped to the accumulator's range")                     \
-    S(guard_lookup, "count", "footprints, walks and chain points limited by the lookup grid")                \
     S(guard_split, "count", "bounces where capacity turned splitting into roulette")                         \
     S(soft_error, "1", "soft=auto: relative difference that differentials of the emitter made, measured")    \
     S(lights_shrunk, "count", "lights so large that a caster is in or close to them: taken as smaller")      \
