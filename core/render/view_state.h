@@ -310,4 +310,10 @@ void feedback_record(struct view *view, struct gpu_frame *frame);
 bool compose_prepare(struct view *view);
 void compose_record(struct view *view, struct gpu_frame *frame);
 
+/* result.c: takes a subframe's statistics, weighted, and pass times into view->result; and, after the last
+ * one, its channels. */
+void result_add_counters(struct view *view, double weight);
+void result_add_timings(struct view *view, struct gpu_frame *frame);
+bool result_collect_channels(struct view *view, struct error *error);
+
 #endif
