@@ -19,7 +19,7 @@
 #define REFERENCE_PHOTONS 20e6
 #endif
 #define MASK_AIM 2.0
-enum { WIDTH = 480, HEIGHT = 270, WARM_UP = 8, POINTS = 5 };
+enum { WIDTH = 480, HEIGHT = 270, WARM_UP = 8, POINTS = 5, RULES = 3 };
 
 struct point {
     double rays, photons, raw, filtered;
@@ -100,25 +100,28 @@ static struct outcome compare(const char *scene)
                   1e-6 * reference.photons, 100 * reference.noise, 100 * reference.filtered_noise);
     struct truth stage;
     stage_open(&stage, scene, WIDTH, HEIGHT, NULL);
-    struct point rules[2], mask[POINTS], full[POINTS];
-    char defaults[64];
-    snprintf(defaults, sizeof defaults, "photons=%d", (int)setting_infos[SETTING_photons].value);
-    rules[0] = measure(&stage, &reference, defaults, WARM_UP);
-    rules[1] = measure(&stage, &reference, "density=area", WARM_UP);
+    static const char *const names[RULES] = {"error", "sqrt", "area"}; /* the default first */
+    struct point rules[RULES], mask[POINTS], full[POINTS];
+    for (int i = 0; i < RULES; i++) {
+        char settings[64];
+        snprintf(settings, sizeof settings, "density=%s photons=%d", names[i],
+                 (int)setting_infos[SETTING_photons].value);
+        rules[i] = measure(&stage, &reference, settings, WARM_UP);
+    }
     measure_uniform(&stage, &reference, "", mask);
     measure_uniform(&stage, &reference, "tile=full caster_mask=off", full);
     truth_close(&stage);
     print_curve(scene, "mask", mask);
     print_curve(scene, "full", full);
     struct outcome outcome = {0};
-    for (int i = 0; i < 2; i++) {
+    for (int i = 0; i < RULES; i++) {
         struct factor factors[4];
         for (int k = 0; k < 4; k++)
             factors[k] = factor_at(k < 2 ? mask : full, k % 2 ? rules[i].raw : rules[i].filtered,
                                    rules[i].rays, k % 2 == 0);
         print_message("%-8s density=%-4s %9.0f photons %9.0f rays: L1 %6.2f %%, 3x3 %6.2f %%; uniform needs "
                       "%c%.2f (raw %c%.2f) times the rays over the mask, %c%.2f (raw %c%.2f) over all\n",
-                      scene, i ? "area" : "sqrt", rules[i].photons, rules[i].rays, 100 * rules[i].raw,
+                      scene, names[i], rules[i].photons, rules[i].rays, 100 * rules[i].raw,
                       100 * rules[i].filtered, factors[0].bound, factors[0].value, factors[1].bound,
                       factors[1].value, factors[2].bound, factors[2].value, factors[3].bound,
                       factors[3].value);
@@ -132,13 +135,14 @@ static struct outcome compare(const char *scene)
     return outcome;
 }
 
-static void check(const char *scene)
+/* `mask_least`: what uniform density over the mask has to need. The aim is 2; `square`, whose error is that
+ * of facets in every cell, does not reach it (docs/performance.md has the figures): there, adapting must not
+ * cost more than it saves. */
+static void check(const char *scene, double mask_least)
 {
     struct outcome outcome = compare(scene);
     if (getenv("CAUSTICD_ADAPTIVE_TABLE"))
         return;
-    /* The aim over the mask is 2 and is not reached yet (docs/performance.md has the figures); what is held
-     * here is that adapting never costs more than it saves. */
     if (outcome.mask.value < MASK_AIM)
         print_message("%s: uniform over the mask needs %.2f times the rays; the aim is %g\n", scene,
                       outcome.mask.value, MASK_AIM);
@@ -146,19 +150,19 @@ static void check(const char *scene)
         print_error("%s: uniform over the whole emission needs %.2f times the rays, not 10\n", scene,
                     outcome.full.value);
     assert_true(outcome.full.value >= 10 && outcome.full.bound != '<');
-    assert_true(outcome.mask.value >= 1 && outcome.mask.bound != '<');
+    assert_true(outcome.mask.value >= mask_least && outcome.mask.bound != '<');
 }
 
 static void sphere(void **state)
 {
     (void)state;
-    check("sphere");
+    check("sphere", MASK_AIM);
 }
 
 static void square(void **state)
 {
     (void)state;
-    check("square");
+    check("square", 1);
 }
 
 static void the_others(void **state)
@@ -170,7 +174,7 @@ static void the_others(void **state)
         const char *name = builtin_scenes[i].name;
         if (strcmp(name, "sphere") != 0 && strcmp(name, "square") != 0 && strcmp(name, "empty") != 0 &&
             strcmp(name, "no-caster") != 0)
-            check(name);
+            check(name, 1);
     }
 }
 
