@@ -1,6 +1,6 @@
 // trace_bvh.glsl: traverses our own two-level hierarchy (shared/bvh_layout.h).
 //
-// Reads   bindings 0 (nodes), 1 (triangles), 2 (instances)
+// Reads   bindings 0 (nodes), 1 and 2 (triangles), 3 (instances)
 // Source  design 12; Woop, Benthin and Wald 2013 for the triangle test; Ize 2013 for the boxes
 //
 // Two ways through the same tree with the same arithmetic:
@@ -15,10 +15,16 @@
 
 layout(std430, binding = BINDING_NODES) readonly buffer node_buffer { uvec4 bvh_nodes[]; }; // two a node
 layout(std430, binding = BINDING_TRIANGLES) readonly buffer triangle_buffer { bvh_triangle bvh_triangles[]; };
+layout(std430, binding = BINDING_MORE_TRIANGLES) readonly buffer more_triangle_buffer { bvh_triangle bvh_more_triangles[]; };
 // The same memory in pieces, for packets.
 layout(std430, binding = BINDING_NODES) readonly buffer node_piece_buffer { uint bvh_node_pieces[]; };
 layout(std430, binding = BINDING_TRIANGLES) readonly buffer triangle_piece_buffer { uvec2 bvh_triangle_pieces[]; };
+layout(std430, binding = BINDING_MORE_TRIANGLES) readonly buffer more_piece_buffer { uvec2 bvh_more_pieces[]; };
 layout(std430, binding = BINDING_INSTANCES) readonly buffer instance_piece_buffer { uvec2 bvh_instance_pieces[]; };
+
+layout(constant_id = CONSTANT_FIRST_TRIANGLES) const uint FIRST_TRIANGLES = 0u;
+// Where all triangles are in one buffer, this and what it guards are not compiled.
+#define BVH_IS_IN_FIRST(triangle) (FIRST_TRIANGLES == 0u || (triangle) < FIRST_TRIANGLES)
 
 uint trace_guard = 0u;
 #ifdef TRACE_EXCLUDES
@@ -178,7 +184,11 @@ void bvh_lane_trace(vec3 origin, vec3 direction, bool any, inout trace_hit hit)
             uint last = first + ((reference >> BVH_COUNT_SHIFT) & BVH_COUNT_MASK);
             steps += last - first + 1u;
             for (uint i = first; i <= last; i++) {
-                bvh_triangle triangle = bvh_triangles[i];
+                bvh_triangle triangle;
+                if (BVH_IS_IN_FIRST(i))
+                    triangle = bvh_triangles[i];
+                else
+                    triangle = bvh_more_triangles[i - FIRST_TRIANGLES];
                 if (!TRACE_IS_EXCLUDED(instance) &&
                     bvh_triangle_test(ray, uintBitsToFloat(triangle.vertex[0].xyz),
                                       uintBitsToFloat(triangle.vertex[1].xyz), uintBitsToFloat(triangle.vertex[2].xyz),
@@ -327,7 +337,11 @@ void bvh_packet_trace(vec3 origin, vec3 direction, bool any, inout trace_hit hit
             uint last = first + ((reference >> BVH_COUNT_SHIFT) & BVH_COUNT_MASK);
             steps += last - first + 1u;
             for (uint i = first; i <= last; i++) {
-                uvec2 piece = bvh_triangle_pieces[i * 6u + min(packet_lane(), 5u)];
+                uvec2 piece;
+                if (BVH_IS_IN_FIRST(i))
+                    piece = bvh_triangle_pieces[i * 6u + min(packet_lane(), 5u)];
+                else
+                    piece = bvh_more_pieces[(i - FIRST_TRIANGLES) * 6u + min(packet_lane(), 5u)];
                 vec3 p0 = vec3(packet_float(piece.x, 0u), packet_float(piece.y, 0u), packet_float(piece.x, 1u));
                 vec3 p1 = vec3(packet_float(piece.x, 2u), packet_float(piece.y, 2u), packet_float(piece.x, 3u));
                 vec3 p2 = vec3(packet_float(piece.x, 4u), packet_float(piece.y, 4u), packet_float(piece.x, 5u));

@@ -2,7 +2,7 @@
 #extension GL_GOOGLE_include_directive : require
 // trace_rays.comp: traces a list of rays, for tests and the benchmark.
 //
-// Reads   bindings 0 to 2, rays
+// Reads   bindings 0 to 3, rays
 // Writes  a hit per ray: t, instance, triangle, guard, barycentrics; with ANY set only whether there is one
 // Source  design 12
 #include "shared/scene_layout.h"

@@ -665,6 +665,9 @@ struct gpu *gpu_create(const struct gpu_params *params, struct error *error)
         goto fail;
     }
     gpu->info = chosen->info;
+    if (params->max_storage_bytes > 0 && params->max_storage_bytes < gpu->info.max_storage_bytes) {
+        gpu->info.max_storage_bytes = params->max_storage_bytes / BUFFER_ALIGNMENT * BUFFER_ALIGNMENT;
+    }
     gpu->physical = chosen->physical;
     gpu->queue_family = chosen->family;
     gpu->has_graphics = chosen->has_graphics;

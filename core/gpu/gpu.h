@@ -30,7 +30,9 @@ struct gpu_params {
                               causticd/; an unusable folder is a warning, not an error */
     bool validation; /* load VK_LAYER_KHRONOS_validation with synchronisation validation; an error when it
                         is not installed */
-    gpu_log_fn log;  /* NULL: stderr, warnings and errors only */
+    uint64_t max_storage_bytes; /* as if the device took no larger storage buffers than this, to see what a
+                                   smaller one does; 0: what it takes */
+    gpu_log_fn log;             /* NULL: stderr, warnings and errors only */
     void *log_user;
 };
 

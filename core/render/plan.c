@@ -77,6 +77,10 @@ void plan_make(const struct view *view, const struct features *features, uint32_
          "a caster is too small for its distance from the scene's middle, or its vertices too far from their "
          "own "
          "origin: the server's log and caustic-scene info name it");
+    line(plan, "second triangle buffer", view->renderer->first_triangles > 0,
+         "the triangles are more than this device takes in one buffer",
+         view->renderer->tracer == TRACER_KHR ? "the device keeps the triangles itself"
+                                              : "one buffer takes all triangles");
     line(plan, "thin walls", (bits & FEATURE_THIN) != 0, "there are thin walls", "there are no thin walls");
     line(plan, "mirrors", (bits & FEATURE_MIRROR) != 0, "there are mirrors", "there are no mirrors");
     line(plan, "absorption", (bits & FEATURE_ABSORPTION) != 0, "some glass is coloured", "no glass absorbs");

@@ -35,8 +35,8 @@ void renderer_destroy(struct renderer **renderer)
     gpu_accel_destroy(&r->top);
     for (uint32_t i = 0; r->trees && i < r->scene->mesh_count; i++)
         bvh_destroy(&r->trees[i]);
-    struct gpu_buffer **buffers[] = {&r->nodes,   &r->triangles, &r->instances, &r->vertices,
-                                     &r->indices, &r->materials, &r->texels};
+    struct gpu_buffer **buffers[] = {&r->nodes,    &r->triangles, &r->more_triangles, &r->instances,
+                                     &r->vertices, &r->indices,   &r->materials,      &r->texels};
     for (size_t i = 0; i < sizeof buffers / sizeof *buffers; i++)
         gpu_buffer_destroy(buffers[i]);
     scene_pose_destroy(&r->pose);
@@ -207,36 +207,60 @@ static bool build_trees(struct renderer *r, struct error *error)
     return true;
 }
 
+/* Into one buffer, or into two where the device takes no larger one. */
+static bool upload_triangles(struct renderer *r, const struct bvh_triangle *triangles, size_t count,
+                             struct error *error)
+{
+    size_t first = (size_t)(gpu_info(r->gpu)->max_storage_bytes / sizeof *triangles);
+    if (count <= first)
+        first = count;
+    else
+        r->first_triangles = (uint32_t)first;
+    r->triangles =
+        gpu_buffer_create_filled(r->gpu, "bvh triangles", triangles, first * sizeof *triangles, false, error);
+    if (r->triangles && count > first)
+        r->more_triangles = gpu_buffer_create_filled(r->gpu, "more bvh triangles", triangles + first,
+                                                     (count - first) * sizeof *triangles, false, error);
+    return r->triangles && (r->more_triangles || count == first);
+}
+
 static bool upload_trees(struct renderer *r, struct error *error)
 {
     const struct scene *scene = r->scene;
-    size_t node_bytes = r->top_node_capacity * sizeof(struct bvh_node), triangle_bytes = 0;
+    size_t node_count = r->top_node_capacity, triangle_count = 0;
     for (uint32_t m = 0; m < scene->mesh_count; m++) {
-        node_bytes += r->trees[m]->node_count * sizeof(struct bvh_node);
-        triangle_bytes += r->trees[m]->item_count * sizeof(struct bvh_triangle);
+        node_count += r->trees[m]->node_count;
+        triangle_count += r->trees[m]->item_count;
     }
-    if (!check_device_size(r, "the nodes", node_bytes, error) ||
-        !check_device_size(r, "the triangles", triangle_bytes, error))
+    size_t node_bytes = node_count * sizeof(struct bvh_node),
+           triangle_bytes = triangle_count * sizeof(struct bvh_triangle);
+    uint64_t most = gpu_info(r->gpu)->max_storage_bytes;
+    if (!check_device_size(r, "the nodes", node_bytes, error))
         return false;
-    char *nodes = calloc(1, node_bytes + 1), *triangles = calloc(1, triangle_bytes + 1);
+    if (triangle_count > 2 * (most / sizeof(struct bvh_triangle)))
+        return error_set(
+            error, STATUS_LIMIT,
+            "the triangles of scene '%s' need %zu MiB; this device takes %llu MiB in each of two buffers",
+            scene->name, triangle_bytes >> 20, (unsigned long long)(most >> 20));
+    struct bvh_node *nodes = calloc(node_count + 1, sizeof *nodes);
+    struct bvh_triangle *triangles = calloc(triangle_count + 1, sizeof *triangles);
+    bool is_done = false;
     if (nodes && triangles) {
         for (uint32_t m = 0; m < scene->mesh_count; m++) {
-            memcpy(nodes + r->tree_node[m] * sizeof(struct bvh_node), r->trees[m]->nodes,
-                   r->trees[m]->node_count * sizeof(struct bvh_node));
-            if (r->trees[m]->item_count > 0)
-                memcpy(triangles + r->tree_triangle[m] * sizeof(struct bvh_triangle), r->trees[m]->triangles,
-                       r->trees[m]->item_count * sizeof(struct bvh_triangle));
+            const struct bvh *tree = r->trees[m];
+            memcpy(nodes + r->tree_node[m], tree->nodes, tree->node_count * sizeof *nodes);
+            if (tree->item_count > 0)
+                memcpy(triangles + r->tree_triangle[m], tree->triangles,
+                       tree->item_count * sizeof *triangles);
         }
         r->nodes = gpu_buffer_create_filled(r->gpu, "bvh nodes", nodes, node_bytes, false, error);
-        if (r->nodes)
-            r->triangles =
-                gpu_buffer_create_filled(r->gpu, "bvh triangles", triangles, triangle_bytes, false, error);
+        is_done = r->nodes && upload_triangles(r, triangles, triangle_count, error);
     } else
         error_set(error, STATUS_MEMORY, "out of memory for %zu MiB of bvh",
                   (node_bytes + triangle_bytes) >> 20);
     free(nodes);
     free(triangles);
-    return r->triangles != NULL;
+    return is_done;
 }
 
 static bool build_accels(struct renderer *r, struct error *error)

@@ -73,11 +73,20 @@ static struct gpu_pipeline *find_pipeline(struct view *view, const struct view_d
              !dispatch->traces         ? ""
              : r->tracer == TRACER_KHR ? ".khr"
                                        : ".bvh");
-    const uint32_t ids[6] = {CONSTANT_FEATURES, CONSTANT_SPLIT, CONSTANT_DENSITY,
-                             CONSTANT_AA,       CONSTANT_DEPTH, 8};
-    const uint32_t values[6] = {
-        view->features.bits,         (uint32_t)view->settings.split,      (uint32_t)view->settings.density,
-        (uint32_t)view->settings.aa, (uint32_t)view->settings.depth_test, dispatch->phase};
+    const uint32_t ids[7] = {CONSTANT_FEATURES,
+                             CONSTANT_SPLIT,
+                             CONSTANT_DENSITY,
+                             CONSTANT_AA,
+                             CONSTANT_DEPTH,
+                             CONSTANT_FIRST_TRIANGLES,
+                             8};
+    const uint32_t values[7] = {view->features.bits,
+                                (uint32_t)view->settings.split,
+                                (uint32_t)view->settings.density,
+                                (uint32_t)view->settings.aa,
+                                (uint32_t)view->settings.depth_test,
+                                r->first_triangles,
+                                dispatch->phase};
     memcpy(wanted.constants, values, sizeof values);
     for (uint32_t i = 0; i < r->pipeline_count; i++)
         if (strcmp(r->pipelines[i].shader, wanted.shader) == 0 &&
@@ -89,8 +98,8 @@ static struct gpu_pipeline *find_pipeline(struct view *view, const struct view_d
         error_set(&view->error, STATUS_UNSUPPORTED, "shader '%s' is not part of this build", wanted.shader);
         return NULL;
     }
-    struct gpu_constant constants[6];
-    for (int i = 0; i < 6; i++)
+    struct gpu_constant constants[7];
+    for (int i = 0; i < 7; i++)
         constants[i] = (struct gpu_constant){ids[i], values[i]};
     bool is_khr = dispatch->traces && r->tracer == TRACER_KHR;
     wanted.pipeline = gpu_pipeline_create(r->gpu,
@@ -99,7 +108,7 @@ static struct gpu_pipeline *find_pipeline(struct view *view, const struct view_d
                                               .spirv = spirv,
                                               .spirv_bytes = bytes,
                                               .constants = constants,
-                                              .constant_count = 6,
+                                              .constant_count = 7,
                                               .binding_mask = binding_mask,
                                               .accel_mask = is_khr ? 1u << BINDING_NODES : 0,
                                               .push_bytes = dispatch->has_push ? 4 : 0,
@@ -129,9 +138,14 @@ void view_dispatch(struct view *view, struct gpu_frame *frame, const struct view
             r->tracer == TRACER_KHR
                 ? (struct gpu_bind){.binding = BINDING_NODES, .access = GPU_READ, .accel = r->top}
                 : (struct gpu_bind){.binding = BINDING_NODES, .access = GPU_READ, .buffer = r->nodes};
-        if (r->tracer != TRACER_KHR)
+        if (r->tracer != TRACER_KHR) {
             binds[count++] =
                 (struct gpu_bind){.binding = BINDING_TRIANGLES, .access = GPU_READ, .buffer = r->triangles};
+            binds[count++] =
+                (struct gpu_bind){.binding = BINDING_MORE_TRIANGLES,
+                                  .access = GPU_READ,
+                                  .buffer = r->more_triangles ? r->more_triangles : r->triangles};
+        }
         struct gpu_buffer *const scene[] = {r->instances, r->vertices, r->indices, r->materials, r->texels};
         for (uint32_t i = 0; i < 5; i++)
             binds[count++] =

@@ -32,7 +32,7 @@
 
 struct renderer_pipeline {
     char shader[48];
-    uint32_t constants[6];
+    uint32_t constants[7];
     struct gpu_pipeline *pipeline;
 };
 
@@ -43,8 +43,10 @@ struct renderer {
     struct renderer_limits limits;
 
     struct gpu_buffer *nodes, *triangles, *instances, *vertices, *indices, *materials, *texels;
-    uint32_t top_node_capacity; /* nodes reserved at the front of `nodes` */
-    struct gpu_accel **bottoms; /* per mesh, khr only */
+    struct gpu_buffer *more_triangles; /* those past `first_triangles`; NULL where `triangles` holds all */
+    uint32_t first_triangles;          /* 0 where `triangles` holds all */
+    uint32_t top_node_capacity;        /* nodes reserved at the front of `nodes` */
+    struct gpu_accel **bottoms;        /* per mesh, khr only */
     struct gpu_accel *top;
     struct bvh **trees;                  /* per mesh; bvh: for bounds; khr: NULL trees are possible */
     uint32_t *tree_node, *tree_triangle; /* where a mesh's tree starts in `nodes` and `triangles` */

@@ -349,6 +349,7 @@ static void run_bounce(struct bounce *b)
             .threads = b->count,
             PASS_LISTS({BINDING_NODES, GPU_READ, gpu_nodes, sizeof gpu_nodes},
                        {BINDING_TRIANGLES, GPU_READ, gpu_triangles, sizeof gpu_triangles},
+                       {BINDING_MORE_TRIANGLES, GPU_READ, NULL, 0},
                        {BINDING_INSTANCES, GPU_READ, gpu_instances, sizeof gpu_instances},
                        {BINDING_VERTICES, GPU_READ, gpu_vertices, sizeof gpu_vertices},
                        {BINDING_INDICES, GPU_READ, gpu_indices, sizeof gpu_indices},

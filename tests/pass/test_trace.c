@@ -132,6 +132,66 @@ static void builtin_scenes_match_the_reference(void **state)
         compare_builtin(names[i]);
 }
 
+/* A device whose largest buffer takes two thirds of the triangles: the others lie in a second one, and every
+ * ray meets what it met. */
+static void two_triangle_buffers_give_the_same_bits(void **state)
+{
+    (void)state;
+    struct error error;
+    struct scene *scene = scene_create_builtin("sphere", &error);
+    assert_non_null(scene);
+    struct scene_pose *pose = scene_pose_create(scene, &error);
+    assert_non_null(pose);
+    scene_pose_set_time(scene, pose, 0);
+    const uint32_t count = 8003;
+    const uint64_t bytes = scene->triangle_count * sizeof(struct bvh_triangle), most = 2 * bytes / 3;
+    struct trace_ray_gpu *rays = calloc(count, sizeof *rays);
+    struct trace_hit_gpu *whole = calloc(count, sizeof *whole), *halves = calloc(count, sizeof *halves);
+    assert_true(rays && whole && halves);
+    trace_scenes_rays(scene, pose, 11, rays, count);
+    struct gpu *small = gpu_create(&(struct gpu_params){.max_storage_bytes = most}, &error);
+    assert_non_null(small);
+    struct trace_device *devices[2] = {trace_device_create(gpu, scene, pose, false, &error),
+                                       trace_device_create(small, scene, pose, false, &error)};
+    assert_true(devices[0] && devices[1]);
+    struct bvh **meshes = build_meshes(scene);
+    uint32_t later = 0;                      /* hits in the second buffer */
+    for (uint32_t way = 0; way < 6; way++) { /* as a packet, lane by lane, idle lanes; closest and any */
+        struct trace_run run = {.rays = rays, .count = count, .stride = way % 3 ? 3 : 1};
+        run.all_lanes = way % 3 == 2;
+        run.any = way >= 3;
+        memset(whole, 0, count * sizeof *whole);
+        memset(halves, 0, count * sizeof *halves);
+        assert_true(trace_device_run(devices[0], &run, whole, NULL, &error));
+        assert_true(trace_device_run(devices[1], &run, halves, NULL, &error));
+        for (uint32_t i = 0; i < count; i += run.stride)
+            assert_memory_equal(&whole[i], &halves[i], sizeof *whole);
+        if (way > 0)
+            continue;
+        for (uint32_t i = 0; i < count; i++) {
+            if (is_miss(&whole[i]))
+                continue;
+            uint32_t mesh = scene->instances[whole[i].hit.y].mesh, place = 0;
+            for (uint32_t m = 0; m < mesh; m++)
+                place += meshes[m]->item_count;
+            for (uint32_t k = 0; meshes[mesh]->triangles[k].vertex[0].w != whole[i].hit.z; k++)
+                place++;
+            later += place >= most / sizeof(struct bvh_triangle);
+        }
+    }
+    print_message("%u of %u rays meet triangles of the second buffer\n", later, count);
+    assert_in_range(later, count / 50, count / 2);
+    destroy_meshes(scene, meshes);
+    trace_device_destroy(&devices[0]);
+    trace_device_destroy(&devices[1]);
+    gpu_destroy(&small);
+    free(rays);
+    free(whole);
+    free(halves);
+    scene_pose_destroy(&pose);
+    scene_destroy(&scene);
+}
+
 static void many_transformed_instances_match_the_reference(void **state)
 {
     (void)state;
@@ -261,6 +321,7 @@ int main(void)
         skip_program(error.message);
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(builtin_scenes_match_the_reference),
+        cmocka_unit_test(two_triangle_buffers_give_the_same_bits),
         cmocka_unit_test(many_transformed_instances_match_the_reference),
         cmocka_unit_test(closed_meshes_have_no_cracks),
         cmocka_unit_test(distances_beyond_the_limit_do_not_count),

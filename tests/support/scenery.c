@@ -151,13 +151,19 @@ struct view_camera scenery_camera(struct scene_builder *builder, struct vec3 eye
 void scenery_open(struct truth *stage, struct scene_builder *builder, const struct view_camera *camera,
                   uint32_t width, uint32_t height, const char *settings)
 {
+    scenery_open_within(stage, builder, camera, width, height, settings, 0);
+}
+
+void scenery_open_within(struct truth *stage, struct scene_builder *builder, const struct view_camera *camera,
+                         uint32_t width, uint32_t height, const char *settings, uint64_t max_storage_bytes)
+{
     struct error error = {0};
     *stage = (struct truth){.camera = *camera, .width = width, .height = height};
     if (gpu_list(NULL, 0) == 0)
         skip_program("there is no Vulkan device");
     stage->scene = scene_builder_finish(builder, &error);
     if (stage->scene)
-        stage->gpu = gpu_create(&(struct gpu_params){0}, &error);
+        stage->gpu = gpu_create(&(struct gpu_params){.max_storage_bytes = max_storage_bytes}, &error);
     if (stage->gpu)
         stage->renderer =
             renderer_create(&(struct renderer_params){.gpu = stage->gpu, .scene = stage->scene}, &error);

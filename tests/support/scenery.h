@@ -55,5 +55,8 @@ struct view_camera scenery_camera(struct scene_builder *builder, struct vec3 eye
  * there is no Vulkan device. */
 void scenery_open(struct truth *stage, struct scene_builder *builder, const struct view_camera *camera,
                   uint32_t width, uint32_t height, const char *settings);
+/* The same on a device that takes storage buffers of at most that size. */
+void scenery_open_within(struct truth *stage, struct scene_builder *builder, const struct view_camera *camera,
+                         uint32_t width, uint32_t height, const char *settings, uint64_t max_storage_bytes);
 
 #endif

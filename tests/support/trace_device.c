@@ -9,7 +9,8 @@
 
 struct trace_device {
     struct gpu *gpu;
-    struct gpu_buffer *nodes, *triangles, *instances, *vertices, *indices;
+    struct gpu_buffer *nodes, *triangles, *more_triangles, *instances, *vertices, *indices;
+    uint32_t first_triangles; /* as core/render/renderer.c has it; 0: all are in `triangles` */
     struct gpu_accel **bottoms;
     uint32_t bottom_count;
     struct gpu_accel *top;
@@ -108,11 +109,17 @@ static bool upload_bvh(struct trace_device *device, const struct scene *scene, c
     }
     device->nodes =
         gpu_buffer_create_filled(device->gpu, "nodes", nodes, node_count * sizeof *nodes, false, error);
+    uint32_t most = (uint32_t)(gpu_info(device->gpu)->max_storage_bytes / sizeof *triangles);
+    device->first_triangles = triangle_count > most ? most : 0;
+    uint32_t first = device->first_triangles ? most : triangle_count;
     device->triangles = gpu_buffer_create_filled(device->gpu, "triangles", triangles,
-                                                 triangle_count * sizeof *triangles, false, error);
+                                                 first * sizeof *triangles, false, error);
+    device->more_triangles =
+        gpu_buffer_create_filled(device->gpu, "more triangles", triangles + first,
+                                 (triangle_count - first) * sizeof *triangles, false, error);
     device->instances = gpu_buffer_create_filled(device->gpu, "instances", instances,
                                                  scene->instance_count * sizeof *instances, false, error);
-    is_done = device->nodes && device->triangles && device->instances;
+    is_done = device->nodes && device->triangles && device->more_triangles && device->instances;
 
 done:
     for (uint32_t m = 0; meshes && m < scene->mesh_count; m++)
@@ -195,10 +202,14 @@ struct trace_device *trace_device_create(struct gpu *gpu, const struct scene *sc
                 .name = "trace rays",
                 .spirv = spirv,
                 .spirv_bytes = bytes,
-                .constants = (const struct gpu_constant[]){{0, any}, {1, all_lanes}},
-                .constant_count = 2,
+                .constants =
+                    (const struct gpu_constant[]){
+                        {0, any}, {1, all_lanes}, {CONSTANT_FIRST_TRIANGLES, device->first_triangles}},
+                .constant_count = 3,
                 .binding_mask = rays_and_hits | 1u << BINDING_NODES |
-                                (with_ray_query ? 0 : 1u << BINDING_TRIANGLES | 1u << BINDING_INSTANCES),
+                                (with_ray_query ? 0
+                                                : 1u << BINDING_TRIANGLES | 1u << BINDING_MORE_TRIANGLES |
+                                                      1u << BINDING_INSTANCES),
                 .accel_mask = with_ray_query ? 1u << BINDING_NODES : 0,
                 .push_bytes = sizeof(struct trace_rays_push)},
             error);
@@ -223,8 +234,9 @@ void trace_device_destroy(struct trace_device **device)
     for (uint32_t m = 0; m < d->bottom_count; m++)
         gpu_accel_destroy(&d->bottoms[m]);
     free(d->bottoms);
-    struct gpu_buffer **buffers[] = {&d->nodes,  &d->triangles, &d->instances, &d->vertices, &d->indices,
-                                     &d->upload, &d->rays,      &d->hits,      &d->readback};
+    struct gpu_buffer **buffers[] = {&d->nodes,    &d->triangles, &d->more_triangles, &d->instances,
+                                     &d->vertices, &d->indices,   &d->upload,         &d->rays,
+                                     &d->hits,     &d->readback};
     for (size_t i = 0; i < sizeof buffers / sizeof *buffers; i++)
         gpu_buffer_destroy(buffers[i]);
     free(d);
@@ -278,10 +290,11 @@ bool trace_device_run(struct trace_device *device, const struct trace_run *run, 
     struct gpu_frame *frame = gpu_frame_begin(device->gpu, error);
     if (!frame)
         return false;
-    struct gpu_bind binds[5] = {{BINDING_PASS, GPU_READ, device->rays, NULL},
+    struct gpu_bind binds[6] = {{BINDING_PASS, GPU_READ, device->rays, NULL},
                                 {BINDING_PASS + 1, GPU_WRITE, device->hits, NULL},
                                 {BINDING_NODES, GPU_READ, device->nodes, device->top},
                                 {BINDING_TRIANGLES, GPU_READ, device->triangles, NULL},
+                                {BINDING_MORE_TRIANGLES, GPU_READ, device->more_triangles, NULL},
                                 {BINDING_INSTANCES, GPU_READ, device->instances, NULL}};
     gpu_pass_begin(frame, "copy");
     gpu_record_copy(frame, device->rays, 0, device->upload, 0, count * sizeof *run->rays);
@@ -290,7 +303,7 @@ bool trace_device_run(struct trace_device *device, const struct trace_run *run, 
     gpu_record_dispatch(
         frame, &(struct gpu_dispatch){.pipeline = device->pipelines[run->any][run->all_lanes],
                                       .binds = binds,
-                                      .bind_count = device->top ? 3 : 5,
+                                      .bind_count = device->top ? 3 : 6,
                                       .push = &(struct trace_rays_push){count, run->stride ? run->stride : 1},
                                       .groups = {(count + 63) / 64, 1, 1}});
     gpu_pass_end(frame);

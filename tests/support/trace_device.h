@@ -14,7 +14,8 @@
 
 struct trace_device;
 
-/* `with_ray_query`: the khr tracer, else bvh. `gpu` is borrowed; scene and pose are read now. */
+/* `with_ray_query`: the khr tracer, else bvh, whose triangles go into two buffers where the gpu takes no
+ * larger one. `gpu` is borrowed; scene and pose are read now. */
 struct trace_device *trace_device_create(struct gpu *gpu, const struct scene *scene,
                                          const struct scene_pose *pose, bool with_ray_query,
                                          struct error *error);
