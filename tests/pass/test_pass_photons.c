@@ -363,7 +363,8 @@ static void run_bounce(struct bounce *b)
                        {BINDING_PASS + 4, GPU_WRITE, b->outcomes, b->count * 4},
                        {BINDING_PASS + 5, GPU_WRITE, b->totals, (b->count / GROUP_SIZE + 1) * 8},
                        {BINDING_PASS + 6, GPU_READ, b->thinning, 16 * 4},
-                       {BINDING_PASS + 7, GPU_READ_WRITE, NULL, 0}, {BINDING_PASS + 8, GPU_WRITE, NULL, 0})});
+                       {BINDING_PASS + 7, GPU_READ_WRITE, NULL, 0}, {BINDING_PASS + 8, GPU_WRITE, NULL, 0},
+                       {BINDING_PASS + 9, GPU_READ_WRITE, NULL, 0})});
     free(queue);
 }
 
