@@ -14,8 +14,8 @@ static size_t spread_bytes(const struct view *view)
 
 bool photons_prepare(struct view *view)
 {
-    size_t rays = renderer_rays_per_photon(view->renderer->scene) * (size_t)view->settings.photons;
-    size_t stored = renderer_stored_per_photon(view->renderer->scene) * (size_t)view->settings.photons;
+    size_t rays = renderer_rays_per_photon(view->renderer->scene) * (size_t)budget_most(view);
+    size_t stored = renderer_stored_per_photon(view->renderer->scene) * (size_t)budget_most(view);
     /* a small budget still has a ray per cell of the smallest tiles */
     size_t least = GROUP_SIZE * 4;
     rays = rays < least ? least : rays;

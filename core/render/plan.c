@@ -115,6 +115,15 @@ void plan_make(const struct view *view, const struct features *features, uint32_
                                                 : "soft=auto has not measured yet");
     line(plan, "visibility rays", plan->has_photons && settings->aa == SPLAT_AA_PIXEL,
          "aa=pixel asks whether the camera sees each photon", "only aa=pixel needs them");
+    const char *no_governor = budget_reason_against(view, plan);
+    line(plan, "governor", !no_governor,
+         "budget_ms is above 0: photons up to the budget hold it; target_area is no limit, and frames depend "
+         "on how fast the machine was",
+         no_governor);
+    line(plan, "draft or final", settings->quality != QUALITY_GOOD,
+         settings->quality == QUALITY_DRAFT ? "quality=draft: photons / 4, target_area x 4"
+                                            : "quality=final: photons x 4 within the limit, target_area / 4",
+         "quality=good: settings as they are");
     line(plan, "accumulation", settings->accumulate > 1, "accumulate is above 1", "accumulate is 1");
     line(plan, "output", plan->has_output, "channels are read back",
          images == 0 ? "no image channel is requested" : "every requested channel is black");

@@ -28,6 +28,7 @@ enum splat_aa {
 enum depth_test { DEPTH_TEST_PLANE, DEPTH_TEST_MARGIN };
 enum lookup_rule { LOOKUP_AUTO, LOOKUP_OFF, LOOKUP_HASH };
 enum soft_rule { SOFT_AUTO, SOFT_DIFFERENTIALS, SOFT_SAMPLES };
+enum quality { QUALITY_GOOD, QUALITY_DRAFT, QUALITY_FINAL };
 enum tile_fit { TILE_FIT_CASTERS, TILE_FIT_FULL };
 
 /* S(name, type, minimum, maximum, default, choices, help) */
@@ -80,7 +81,13 @@ enum tile_fit { TILE_FIT_CASTERS, TILE_FIT_FULL };
       "move photons within their strata every frame; off: fixed places, a still scene stays still")          \
     S(seed, INT, 0, 2147483647, 1, "", "of every random choice")                                             \
     S(accumulate, INT, 1, 65536, 1, "",                                                                      \
-      "frames averaged into one, with jittered photons and camera rays when above 1")
+      "frames averaged into one, with jittered photons and camera rays when above 1")                        \
+    S(budget_ms, FLOAT, 0, 3.6e6, 0, "",                                                                     \
+      "time a frame is given, ms: photons up to the budget are chosen to hold it and target_area is no "     \
+      "limit, so that pictures depend on how fast the machine was; 0: off")                                  \
+    S(quality, CHOICE, 0, 2, QUALITY_GOOD, "good,draft,final",                                               \
+      "good: settings as they are; draft, final: photons times 1/4 or 4, within the device's limit, and "    \
+      "target_area times 4 or 1/4")
 
 #define SETTING_FIELD_BOOL   bool
 #define SETTING_FIELD_INT    int32_t

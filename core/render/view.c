@@ -283,6 +283,7 @@ void view_reset(struct view *view)
     view->still_frames = 0;
     view->has_density = view->has_feedback = view->has_previous = false;
     view->soft = (struct soft_choice){0};
+    view->governor = (struct governor){0};
     for (uint32_t i = 0; i < view->renderer->scene->light_count; i++)
         view->tiles[i].is_valid = false;
 }
@@ -524,7 +525,7 @@ static void fill_camera(struct view *view, struct frame_gpu *data, uint32_t subf
  * tiles of 128 cells, half the budget, had an error of 0.0167 and those of 64 cells 0.0125. */
 static uint32_t cells_within_budget(const struct view *view, uint32_t *min_samples)
 {
-    uint32_t cells = emitter_cells(view), photons = (uint32_t)view->settings.photons;
+    uint32_t cells = emitter_cells(view), photons = budget_most(view);
     uint32_t lights = view->features.lit_count;
     uint64_t least = (uint64_t)view->settings.min_samples * lights;
     while (cells > 1 && 4 * least * cells * cells > photons)
@@ -562,7 +563,7 @@ static void fill_frame(struct view *view, uint32_t subframe, uint32_t subframe_c
     data->tile_slots = view->tile_slots;
     data->seed = (uint32_t)s->seed;
     data->subframe = subframe;
-    data->photon_budget = (uint32_t)s->photons;
+    budget_fill(view, data);
     data->ray_capacity = (uint32_t)(view->asked[BUFFER_RAYS] / sizeof(struct photon_ray));
     data->photon_capacity = (uint32_t)(view->asked[BUFFER_PHOTONS] / sizeof(struct photon));
     data->max_bounces = (uint32_t)s->max_bounces;
@@ -576,7 +577,6 @@ static void fill_frame(struct view *view, uint32_t subframe, uint32_t subframe_c
         data->seed ^= (uint32_t)view->frame * 0x9e3779b9u;
     data->caster_box_count = view->renderer->caster_box_count;
     data->min_samples = view->min_samples;
-    data->target_area = s->target_area;
     data->variance_gain = s->variance_gain;
     data->temporal_weight = s->temporal_weight;
     data->cull_energy = s->cull_energy;
@@ -774,6 +774,7 @@ const struct frame_result *view_render(struct view *view, uint32_t channel_mask,
         return NULL;
     view->frame++;
     uint64_t end = now_ns();
+    budget_measure(view, end - begin);
     result->stats[STAT_soft_error] = view->soft.error;
     result->stats[STAT_lights_shrunk] = view->lights_shrunk;
     result->stats[STAT_plan_ns] = (double)(planned - begin);

@@ -8,6 +8,7 @@
 #ifndef CAUSTIC_VIEW_STATE_H
 #define CAUSTIC_VIEW_STATE_H
 
+#include "governor.h"
 #include "renderer.h"
 #include "../scene/bvh.h"
 #include "../scene/extent.h"
@@ -210,7 +211,8 @@ struct view {
     bool mask_is_stale;
     uint64_t eye_pose; /* pose_version that data.eye_medium belongs to */
     struct soft_choice soft;
-    uint32_t lights_shrunk; /* emitters with a caster within them, drawn smaller */
+    struct governor governor; /* of budget_ms */
+    uint32_t lights_shrunk;   /* emitters with a caster within them, drawn smaller */
     struct light_gpu *lights;
     struct frame_gpu data;
     struct frame_gpu last_data;
@@ -266,6 +268,15 @@ bool view_camera_axes(const struct view_camera *camera, float forward[3], float 
 void features_find(const struct view *view, uint32_t channel_mask, struct features *features);
 void plan_make(const struct view *view, const struct features *features, uint32_t channel_mask,
                struct plan *plan);
+
+/* budget.c: the most photons a frame may have by the settings; buffers are made for them. */
+uint32_t budget_most(const struct view *view);
+/* Why budget_ms does not steer this frame; NULL: it does. */
+const char *budget_reason_against(const struct view *view, const struct plan *plan);
+/* Budget and target area of this frame. */
+void budget_fill(struct view *view, struct frame_gpu *data);
+/* After it: what it took, and what that makes of the next. */
+void budget_measure(struct view *view, uint64_t elapsed_ns);
 
 /* tiles.c: fits light tiles to casters; fills view->lights. */
 void tiles_update(struct view *view);

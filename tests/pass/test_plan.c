@@ -409,13 +409,37 @@ static void lookup_needs_glass_in_view(void **state)
     truth_close(&stage);
 }
 
+/* What a frame's time and quality make of it, and what they are in conflict with. */
+static void budgets_say_what_they_steer(void **state)
+{
+    (void)state;
+    struct truth stage;
+    stage_open(&stage, "sphere", WIDTH, HEIGHT, SMALL);
+    const struct frame_result *result = truth_render(&stage, 1, CAUSTICS);
+    expect_line(result, "governor", false, "budget_ms is 0");
+    expect_line(result, "draft or final", false, "quality=good");
+    assert_close(result->stats[STAT_governor_photons], 0, 0);
+    truth_set(&stage, "budget_ms=5 quality=draft");
+    result = truth_render(&stage, 1, CAUSTICS);
+    expect_line(result, "governor", true, "target_area is no limit");
+    expect_line(result, "draft or final", true, "photons / 4");
+    assert_true(result->stats[STAT_governor_photons] > 0);
+    expect_line(truth_render(&stage, 1, DEPTH), "governor", false, "no photons");
+    truth_set(&stage, "accumulate=2 quality=final");
+    result = truth_render(&stage, 1, CAUSTICS);
+    expect_line(result, "governor", false, "budget_ms is not held");
+    expect_line(result, "draft or final", true, "photons x 4");
+    assert_close(result->stats[STAT_governor_photons], 0, 0);
+    truth_close(&stage);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(lines_say_what_ran),          cmocka_unit_test(black_frames_cost_nothing),
         cmocka_unit_test(what_is_off_takes_no_memory), cmocka_unit_test(white_light_is_one_channel),
         cmocka_unit_test(requested_channels_decide),   cmocka_unit_test(only_the_chosen_anti_aliasing_exists),
-        cmocka_unit_test(lookup_needs_glass_in_view),
+        cmocka_unit_test(lookup_needs_glass_in_view),  cmocka_unit_test(budgets_say_what_they_steer),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -1,0 +1,63 @@
+/* budget.c: how many photons a view may have: by its settings, and by the time that a frame is given. */
+#include <math.h>
+
+#include "view_state.h"
+
+static double quality_factor(const struct view *view)
+{
+    return view->settings.quality == QUALITY_DRAFT ? 0.25 : view->settings.quality == QUALITY_FINAL ? 4 : 1;
+}
+
+uint32_t budget_most(const struct view *view)
+{
+    double photons = (double)view->settings.photons * quality_factor(view);
+    photons = fmin(photons, view->renderer->limits.max_photons);
+    return (uint32_t)fmax(photons, view->renderer->limits.min_photons);
+}
+
+const char *budget_reason_against(const struct view *view, const struct plan *plan)
+{
+    return view->settings.budget_ms <= 0   ? "budget_ms is 0"
+           : view->settings.accumulate > 1 ? "accumulate is above 1: its frames have all photons, "
+                                             "budget_ms is not held"
+           : !plan->has_photons            ? "no photons are emitted: there is nothing to steer"
+                                           : NULL;
+}
+
+/* Every cell keeps its samples, whatever the time. */
+static double budget_least(const struct view *view)
+{
+    double kept = (double)view->min_samples * view->features.lit_count * view->cells * view->cells;
+    return fmin(fmax(kept, view->renderer->limits.min_photons), budget_most(view));
+}
+
+void budget_fill(struct view *view, struct frame_gpu *data)
+{
+    data->photon_budget = budget_most(view);
+    data->target_area = view->settings.target_area / (float)quality_factor(view);
+    if (budget_reason_against(view, &view->plan)) {
+        view->governor = (struct governor){0};
+        return;
+    }
+    data->photon_budget = governor_photons(&view->governor, budget_least(view), data->photon_budget);
+    /* Small enough that the budget is what limits photons, not the area they are content with. */
+    data->target_area *= 1.0f / 64;
+}
+
+void budget_measure(struct view *view, uint64_t elapsed_ns)
+{
+    double *stats = view->result.stats;
+    if (budget_reason_against(view, &view->plan))
+        return;
+    stats[STAT_governor_photons] = view->data.photon_budget;
+    stats[STAT_governor_target_area] = (double)view->data.target_area;
+    if (governor_step(&view->governor, &(struct governor_frame){
+                                           .measured_ns = (double)elapsed_ns,
+                                           .target_ns = 1e6 * (double)view->settings.budget_ms,
+                                           .emitted = stats[STAT_photons_emitted],
+                                           .least = budget_least(view),
+                                           .most = budget_most(view),
+                                           .is_at_rest = (view->data.flags & FLAG_HOLD) != 0,
+                                       }))
+        view->still_frames = 0; /* samples have to follow the new budget before they may rest */
+}

@@ -1,0 +1,46 @@
+/* governor.h: how many photons a frame may have so that it takes the time it was given.
+ *
+ * A frame takes fixed_ns + slope_ns * photons, and both change along a camera path. The governor fits that
+ * line to the last frames, asks it for the photons of the target time, and stays where it is while the line
+ * is within a dead band of the target: a budget that changes all the time would be seen as pumping. It knows
+ * nothing of views or devices. Zero initialises it.
+ */
+#ifndef CAUSTIC_GOVERNOR_H
+#define CAUSTIC_GOVERNOR_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#define GOVERNOR_BAND      0.05 /* of the target: nothing is changed within it */
+#define GOVERNOR_REST_BAND 0.10 /* and of a view at rest, whose picture would change with the photons */
+#define GOVERNOR_STEP      1.25 /* most that the budget is multiplied or divided by in a frame, but at jumps */
+
+struct governor {
+    double target_ns;
+    double photons;  /* the budget it chose; 0: none yet */
+    double fill;     /* share of the budget that is emitted once densities have followed it */
+    double fixed_ns; /* of the fitted line, */
+    double slope_ns; /* per photon; 0: nothing measured yet */
+    double scale;    /* what the latest frames took over what the line says */
+    double weight, sum_p, sum_t, sum_pp, sum_pt; /* fading sums that the line is fitted to */
+    double noise;                                /* mean |log| of what frames took over what was predicted */
+    uint32_t frames;                             /* measured */
+    uint32_t since_change;                       /* frames the budget has been as it is */
+    uint32_t free_steps;                         /* frames whose step is not limited */
+    bool was_far; /* the last frame took a time that the line does not explain */
+};
+
+struct governor_frame {
+    double measured_ns, target_ns;
+    double emitted;     /* photons of the measured frame */
+    double least, most; /* budget that may be chosen */
+    bool is_at_rest;
+};
+
+/* The budget for the next frame. The first one, before anything is measured, is the geometric mean of both
+ * limits. */
+uint32_t governor_photons(struct governor *governor, double least, double most);
+/* Takes in a frame that was measured; true when the budget changed. */
+bool governor_step(struct governor *governor, const struct governor_frame *frame);
+
+#endif

@@ -1,0 +1,217 @@
+/* The frame time governor against a plant it does not know: time = fixed + slope * photons with noise,
+ * hitches and steps, densities that follow a larger budget by halves and a smaller one at once. */
+#include <math.h>
+
+#include "core/render/governor.h"
+#include "tests/support/check.h"
+
+#define LEAST 4096.0
+#define MOST  131072.0
+
+static uint64_t noise_state;
+
+/* Uniform in [-1, 1], the same numbers every time. */
+static double noise(void)
+{
+    noise_state = noise_state * 6364136223846793005u + 1442695040888963407u;
+    return (double)(noise_state >> 11) * 0x1p-52 - 1;
+}
+
+struct plant {
+    struct governor governor;
+    double fixed_ns, slope_ns, noise, fill; /* fill: share of a budget that is emitted */
+    double emitted;
+    uint32_t changes; /* of the budget */
+    double budget, largest_step;
+    bool is_at_rest;
+};
+
+static struct plant plant_of(double fixed_ns, double slope_ns, double amplitude)
+{
+    noise_state = 1;
+    return (struct plant){.fixed_ns = fixed_ns, .slope_ns = slope_ns, .noise = amplitude, .fill = 0.9};
+}
+
+/* One frame; its time without noise, which is what the governor is there to hold. */
+static double run(struct plant *plant, double target_ns, double hitch_ns)
+{
+    double budget = governor_photons(&plant->governor, LEAST, MOST);
+    if (plant->budget > 0) {
+        double step = budget / plant->budget;
+        plant->largest_step = fmax(plant->largest_step, fmax(step, 1 / step));
+    }
+    plant->budget = budget;
+    double settled = plant->fill * budget;
+    plant->emitted =
+        plant->emitted > 0 && settled > plant->emitted ? 0.5 * (settled + plant->emitted) : settled;
+    double time = plant->fixed_ns + plant->slope_ns * plant->emitted;
+    plant->changes +=
+        governor_step(&plant->governor, &(struct governor_frame){
+                                            .measured_ns = time * (1 + plant->noise * noise()) + hitch_ns,
+                                            .target_ns = target_ns,
+                                            .emitted = plant->emitted,
+                                            .least = LEAST,
+                                            .most = MOST,
+                                            .is_at_rest = plant->is_at_rest,
+                                        });
+    return time;
+}
+
+/* The first frame from which the time stays within 10 % of the target; the largest time over it. */
+static uint32_t settle(struct plant *plant, double target_ns, uint32_t frames, double *largest)
+{
+    uint32_t settled = 0;
+    *largest = 0;
+    for (uint32_t i = 0; i < frames; i++) {
+        double ratio = run(plant, target_ns, 0) / target_ns;
+        if (fabs(ratio - 1) > 0.1)
+            settled = i + 1;
+        *largest = fmax(*largest, ratio);
+    }
+    return settled;
+}
+
+static void it_settles_from_a_cold_start(void **state)
+{
+    (void)state;
+    for (int share = 1; share <= 9; share += 2)
+        for (int k = 0; k < 5; k++) {
+            /* The target takes 8 to 90 % of the photons that may be used; the first budget is 18 % of them.
+             */
+            const double parts[] = {0.08, 0.15, 0.3, 0.6, 0.9};
+            double photons = 0.9 * MOST * parts[k], target = 1e7, largest;
+            struct plant plant = plant_of(target * (1 - 0.1 * share), target * 0.1 * share / photons, 0.02);
+            double first = run(&plant, target, 3e8) / target; /* pipelines are compiled */
+            uint32_t settled = settle(&plant, target, 60, &largest);
+            print_message(
+                "%d0 %% in photons, target at %2.0f %% of them: settled after %u frames, largest %.3f\n",
+                share, 100 * parts[k], settled, largest);
+            assert_true(settled <= 16);
+            assert_true(largest <= fmax(first, 1.1));
+        }
+}
+
+static void noise_and_hitches_do_not_pump(void **state)
+{
+    (void)state;
+    struct plant plant = plant_of(3e6, 200, 0.04);
+    double largest;
+    settle(&plant, 1e7, 30, &largest);
+    uint32_t changes = plant.changes;
+    for (int i = 0; i < 1000; i++)
+        assert_in_bound(fabs(run(&plant, 1e7, i % 50 == 7 ? 5e7 : 0) / 1e7 - 1), 0.1);
+    print_message("1,000 frames with 4 %% noise and 20 hitches: %u changes of the budget\n",
+                  plant.changes - changes);
+    assert_true(plant.changes - changes <= 10);
+}
+
+/* Other programs take the machine: frames of the same work differ by up to a half. */
+static void a_busy_machine_is_not_followed(void **state)
+{
+    (void)state;
+    struct plant plant = plant_of(3e6, 200, 0.5);
+    double mean = 0;
+    for (int i = 0; i < 50; i++)
+        run(&plant, 1e7, 0);
+    uint32_t changes = plant.changes;
+    plant.largest_step = 0;
+    for (int i = 0; i < 1000; i++)
+        mean += run(&plant, 1e7, 0) / 1e10;
+    print_message(
+        "50 %% noise: %u changes in 1,000 frames, largest step %.3f, mean time %.3f of the target\n",
+        plant.changes - changes, plant.largest_step, mean);
+    assert_true(plant.changes - changes <= 100);
+    assert_in_bound(plant.largest_step, GOVERNOR_STEP + 1e-3);
+    assert_in_bound(fabs(mean - 1), 0.1);
+}
+
+/* Slope and fixed part swing by 40 % along a path of 200 frames, 1.3 % a frame at most. */
+static void a_path_is_followed_in_small_steps(void **state)
+{
+    (void)state;
+    struct plant plant = plant_of(3e6, 200, 0.02);
+    double largest, error = 0;
+    settle(&plant, 1e7, 30, &largest);
+    plant.largest_step = 0;
+    uint32_t outside = 0;
+    for (int i = 0; i < 400; i++) {
+        double swing = 1 + 0.4 * sin(6.2831853 * i / 200);
+        plant.fixed_ns = 3e6 * swing;
+        plant.slope_ns = 200 * swing;
+        double off = fabs(run(&plant, 1e7, 0) / 1e7 - 1);
+        error = fmax(error, off);
+        outside += off > 0.1;
+    }
+    print_message(
+        "path: largest error %.1f %%, %u of 400 frames above 10 %%, %u changes, largest step %.3f\n",
+        100 * error, outside, plant.changes, plant.largest_step);
+    assert_int_equal(outside, 0);
+    assert_in_bound(plant.largest_step, GOVERNOR_STEP + 1e-3);
+}
+
+static void it_settles_after_a_cut(void **state)
+{
+    (void)state;
+    const double factors[] = {0.4, 0.75, 1.35, 2.5};
+    for (int k = 0; k < 4; k++) {
+        struct plant plant = plant_of(2e6, 200, 0.02);
+        double largest;
+        settle(&plant, 1e7, 30, &largest);
+        plant.fixed_ns *= factors[k];
+        plant.slope_ns *= factors[k];
+        uint32_t settled = settle(&plant, 1e7, 60, &largest);
+        print_message("cost times %.2f: settled after %u frames\n", factors[k], settled);
+        assert_true(settled <= 8);
+        assert_in_bound(largest, fmax(1.1, factors[k] * 1.11));
+    }
+}
+
+static void limits_hold(void **state)
+{
+    (void)state;
+    const struct {
+        double target_ns, photons;
+    } cases[] = {{1e3, LEAST}, {3.6e12, MOST}};
+    for (int k = 0; k < 2; k++) {
+        struct plant plant = plant_of(3e6, 200, 0.02);
+        for (int i = 0; i < 40; i++)
+            run(&plant, cases[k].target_ns, 0);
+        assert_close(plant.budget, cases[k].photons, 0);
+        uint32_t changes = plant.changes;
+        for (int i = 0; i < 40; i++)
+            run(&plant, cases[k].target_ns, 0);
+        assert_int_equal(plant.changes, changes);
+    }
+}
+
+static void rest_is_left_only_for_a_reason(void **state)
+{
+    (void)state;
+    struct plant plant = plant_of(3e6, 200, 0.02);
+    double largest;
+    settle(&plant, 1e7, 30, &largest);
+    uint32_t changes = plant.changes;
+    plant.is_at_rest = true;
+    for (int i = 0; i < 200; i++) {
+        plant.fixed_ns = 3e6 + (i < 100 ? 0 : 3e5);
+        run(&plant, 1e7, 0);
+    }
+    assert_int_equal(plant.changes, changes);
+    plant.slope_ns *= 1.3;
+    settle(&plant, 1e7, 30, &largest);
+    assert_true(plant.changes > changes);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(it_settles_from_a_cold_start),
+        cmocka_unit_test(noise_and_hitches_do_not_pump),
+        cmocka_unit_test(a_path_is_followed_in_small_steps),
+        cmocka_unit_test(it_settles_after_a_cut),
+        cmocka_unit_test(limits_hold),
+        cmocka_unit_test(a_busy_machine_is_not_followed),
+        cmocka_unit_test(rest_is_left_only_for_a_reason),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
