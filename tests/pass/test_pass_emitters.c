@@ -49,10 +49,12 @@ static void emit(const struct light_gpu *light, struct photon_ray *rays, float *
     struct frame_gpu frame = {
         .cells = CELLS, .tile_levels = 3, .tile_slots = 1, .light_count = 1, .seed = 1, .flux_unit = 1e-9f};
     uint32_t *tree = calloc(pass_tree_size(CELLS * CELLS), sizeof *tree),
-             *queue = calloc(COUNT, sizeof *queue);
+             *queue = calloc(COUNT, sizeof *queue), columns[CELLS * CELLS];
     assert_true(tree && queue);
-    for (uint32_t i = 0; i < CELLS * CELLS; i++)
+    for (uint32_t i = 0; i < CELLS * CELLS; i++) {
         tree[i] = SIDE * SIDE;
+        columns[i] = SIDE;
+    }
     pass_tree_fill(tree, CELLS * CELLS);
     struct counters_gpu counters = {.task_count = COUNT};
     pass_device_run(
@@ -66,7 +68,8 @@ static void emit(const struct light_gpu *light, struct photon_ray *rays, float *
                                       {BINDING_PASS + 1, GPU_READ, tree, pass_tree_size(CELLS * CELLS) * 4},
                                       {BINDING_PASS + 2, GPU_WRITE, rays, COUNT * sizeof *rays},
                                       {BINDING_PASS + 3, GPU_WRITE, queue, COUNT * 4},
-                                      {BINDING_PASS + 4, GPU_WRITE, spreads, COUNT * FLOATS * 4})});
+                                      {BINDING_PASS + 4, GPU_WRITE, spreads, COUNT * FLOATS * 4},
+                                      {BINDING_PASS + 5, GPU_READ, columns, sizeof columns})});
     free(tree);
     free(queue);
 }
