@@ -15,20 +15,19 @@ bool compose_prepare(struct view *view)
 
 void compose_record(struct view *view, struct gpu_frame *frame)
 {
-    bool is_odd = view->plan.has_variance && view->subframe % 2;
     gpu_pass_begin(frame, "compose");
-    view_dispatch(
-        view, frame,
-        &(struct view_dispatch){
-            .shader = "compose.comp",
-            .has_push = true,
-            .push = view->channel_mask & IMAGE_CHANNELS,
-            .groups = {groups_of(view->width * view->height), 1},
-            USES({BINDING_PASS, GPU_READ, BUFFER_SURFACES},
-                 {BINDING_PASS + 1, GPU_READ,
-                  !view->plan.has_photons ? BUFFER_SURFACES
-                                          : (is_odd ? BUFFER_IRRADIANCE_OTHER : BUFFER_IRRADIANCE)},
-                 {BINDING_PASS + 2, GPU_READ_WRITE, BUFFER_OUTPUT},
-                 {BINDING_PASS + 3, GPU_READ, view->plan.has_lookup ? BUFFER_INDIRECT : BUFFER_SURFACES})});
+    view_dispatch(view, frame,
+                  &(struct view_dispatch){.shader = "compose.comp",
+                                          .has_push = true,
+                                          .push = view->channel_mask & IMAGE_CHANNELS,
+                                          .groups = {groups_of(view->width * view->height), 1},
+                                          USES({BINDING_PASS, GPU_READ, BUFFER_SURFACES},
+                                               {BINDING_PASS + 1, GPU_READ,
+                                                !view->plan.has_photons   ? BUFFER_SURFACES
+                                                : view->plan.has_temporal ? temporal_output(view)
+                                                                          : splat_irradiance(view)},
+                                               {BINDING_PASS + 2, GPU_READ_WRITE, BUFFER_OUTPUT},
+                                               {BINDING_PASS + 3, GPU_READ,
+                                                view->plan.has_lookup ? BUFFER_INDIRECT : BUFFER_SURFACES})});
     gpu_pass_end(frame);
 }

@@ -194,8 +194,7 @@ void emitter_record(struct view *view, struct gpu_frame *frame)
 {
     if (!view->asked[BUFFER_SOFT] || view->soft.stage >= SOFT_GUESSED)
         return;
-    enum view_buffer irradiance =
-        view->plan.has_variance && view->subframe % 2 ? BUFFER_IRRADIANCE_OTHER : BUFFER_IRRADIANCE;
+    enum view_buffer irradiance = splat_irradiance(view);
     size_t pixels = (size_t)view->width * view->height;
     if (view->soft.stage == SOFT_UNMEASURED) {
         gpu_record_copy(frame, view->buffers[BUFFER_SOFT], 0, view->buffers[irradiance], 0,

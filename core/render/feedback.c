@@ -5,10 +5,9 @@
 
 void feedback_record(struct view *view, struct gpu_frame *frame)
 {
-    bool is_odd = view->plan.has_variance && view->subframe % 2;
-    enum view_buffer now = is_odd ? BUFFER_IRRADIANCE_OTHER : BUFFER_IRRADIANCE;
+    enum view_buffer now = splat_irradiance(view);
     enum view_buffer before =
-        view->plan.has_variance && !is_odd ? BUFFER_IRRADIANCE_OTHER : BUFFER_IRRADIANCE;
+        view->plan.has_variance && now == BUFFER_IRRADIANCE ? BUFFER_IRRADIANCE_OTHER : BUFFER_IRRADIANCE;
     gpu_pass_begin(frame, "feedback");
     gpu_record_fill(frame, view->buffers[BUFFER_FEEDBACK], 0, view->asked[BUFFER_FEEDBACK], 0);
     view_dispatch(

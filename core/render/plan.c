@@ -32,6 +32,11 @@ void plan_make(const struct view *view, const struct features *features, uint32_
     plan->has_quads = plan->has_photons && (is_all_quads || settings->aa == SPLAT_AA_MSAA_SMALL);
     plan->has_lookup = plan->has_photons && (bits & FEATURE_LOOKUP) != 0;
 
+    const uint32_t shows_caustics =
+        (1u << CHANNEL_CAUSTICS) | (1u << CHANNEL_IRRADIANCE) | (1u << CHANNEL_BEAUTY);
+    plan->has_temporal = plan->has_photons && settings->temporal > 0 && settings->accumulate == 1 &&
+                         (images & shows_caustics) != 0;
+
     const char *no_photons =
         features->black_reason ? features->black_reason : "no requested channel shows caustics";
     line(plan, "gbuffer", plan->has_gbuffer, "photons or channels need the surface of every pixel",
@@ -125,6 +130,11 @@ void plan_make(const struct view *view, const struct features *features, uint32_
                                             : "quality=final: photons x 4 within the limit, target_area / 4",
          "quality=good: settings as they are");
     line(plan, "accumulation", settings->accumulate > 1, "accumulate is above 1", "accumulate is 1");
+    line(plan, "temporal", plan->has_temporal, "temporal is above 0",
+         !plan->has_photons          ? no_photons
+         : !(settings->temporal > 0) ? "temporal is 0"
+         : settings->accumulate > 1  ? "accumulate averages frames of its own"
+                                     : "no requested channel shows directly visible caustics");
     line(plan, "output", plan->has_output, "channels are read back",
          images == 0 ? "no image channel is requested" : "every requested channel is black");
 }

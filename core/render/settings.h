@@ -79,6 +79,8 @@ enum tile_fit { TILE_FIT_CASTERS, TILE_FIT_FULL };
       "radiance changes by (n_to/n_from)^2 across an interface seen by the camera")                          \
     S(jitter, BOOL, 0, 1, 0, "",                                                                             \
       "move photons within their strata every frame; off: fixed places, a still scene stays still")          \
+    S(temporal, FLOAT, 0, 0.98, 0, "",                                                                       \
+      "share of the frames before that is kept in the caustics shown, while no light and no object moves")   \
     S(seed, INT, 0, 2147483647, 1, "", "of every random choice")                                             \
     S(accumulate, INT, 1, 65536, 1, "",                                                                      \
       "frames averaged into one, with jittered photons and camera rays when above 1")                        \

@@ -102,11 +102,14 @@ static void record_quads(struct view *view, struct gpu_frame *frame)
                                                {BINDING_PASS + 1, GPU_READ, BUFFER_REACHED})});
 }
 
+enum view_buffer splat_irradiance(const struct view *view)
+{
+    return view->plan.has_variance && view->subframe % 2 ? BUFFER_IRRADIANCE_OTHER : BUFFER_IRRADIANCE;
+}
+
 void splat_record(struct view *view, struct gpu_frame *frame)
 {
     const struct plan *plan = &view->plan;
-    enum view_buffer irradiance =
-        plan->has_variance && view->subframe % 2 ? BUFFER_IRRADIANCE_OTHER : BUFFER_IRRADIANCE;
     gpu_pass_begin(frame, "splat");
     if (plan->has_sums) {
         gpu_record_fill(frame, view->buffers[BUFFER_SUMS], 0, view->asked[BUFFER_SUMS], 0);
@@ -125,16 +128,16 @@ void splat_record(struct view *view, struct gpu_frame *frame)
     /* what this anti-aliasing does not have stands for itself by the targets: the shader has no code that
      * reads it */
     gpu_pass_begin(frame, "resolve");
-    view_dispatch(
-        view, frame,
-        &(struct view_dispatch){
-            .shader = "resolve.comp",
-            .lights = true,
-            .groups = {groups_of(view->width * view->height), 1},
-            USES({BINDING_PASS, GPU_READ_WRITE, BUFFER_COUNTERS},
-                 {BINDING_PASS + 1, GPU_READ, BUFFER_TARGETS},
-                 {BINDING_PASS + 2, GPU_READ, plan->has_sums ? BUFFER_SUMS : BUFFER_TARGETS},
-                 {BINDING_PASS + 3, GPU_WRITE, irradiance}, {BINDING_PASS + 4, GPU_READ, BUFFER_SURFACES},
-                 {BINDING_PASS + 5, GPU_READ, plan->has_quads ? BUFFER_PICTURE : BUFFER_TARGETS})});
+    view_dispatch(view, frame,
+                  &(struct view_dispatch){
+                      .shader = "resolve.comp",
+                      .lights = true,
+                      .groups = {groups_of(view->width * view->height), 1},
+                      USES({BINDING_PASS, GPU_READ_WRITE, BUFFER_COUNTERS},
+                           {BINDING_PASS + 1, GPU_READ, BUFFER_TARGETS},
+                           {BINDING_PASS + 2, GPU_READ, plan->has_sums ? BUFFER_SUMS : BUFFER_TARGETS},
+                           {BINDING_PASS + 3, GPU_WRITE, splat_irradiance(view)},
+                           {BINDING_PASS + 4, GPU_READ, BUFFER_SURFACES},
+                           {BINDING_PASS + 5, GPU_READ, plan->has_quads ? BUFFER_PICTURE : BUFFER_TARGETS})});
     gpu_pass_end(frame);
 }

@@ -18,29 +18,16 @@ static uint64_t now_ns(void)
 /* ---- buffers and dispatches ---------------------------------------------------------------------------- */
 
 static const char *const buffer_names[BUFFER_COUNT] = {
-    "frame",          "lights",
-    "counters",       "caster boxes",
-    "caster mask",    "density",
-    "density",        "quadtree",
-    "columns",        "aspect",
-    "costs",          "partials",
-    "feedback",       "variance",
-    "thinning",       "rays",
-    "rays",           "spreads",
-    "spreads",        "queue",
-    "queue",          "outcomes",
-    "groups",         "photons",
-    "surfaces",       "targets",
-    "sums",           "picture",
-    "reached",        "irradiance",
-    "irradiance",     "chains",
-    "chain weights",  "chain places",
-    "lookup",         "lookup cells",
-    "lookup marks",   "lookup points",
-    "lookup photons", "lookup sums",
-    "indirect",       "lookup readback",
-    "soft",           "output",
-    "readback",       "counters readback",
+    "frame",         "lights",         "counters",    "caster boxes",      "caster mask",
+    "density",       "density",        "quadtree",    "columns",           "aspect",
+    "costs",         "partials",       "feedback",    "variance",          "thinning",
+    "rays",          "rays",           "spreads",     "spreads",           "queue",
+    "queue",         "outcomes",       "groups",      "photons",           "surfaces",
+    "targets",       "sums",           "picture",     "reached",           "irradiance",
+    "irradiance",    "blended",        "blended",     "old targets",       "chains",
+    "chain weights", "chain places",   "lookup",      "lookup cells",      "lookup marks",
+    "lookup points", "lookup photons", "lookup sums", "indirect",          "lookup readback",
+    "soft",          "output",         "readback",    "counters readback",
 };
 
 bool view_buffer(struct view *view, enum view_buffer id, size_t size)
@@ -281,7 +268,7 @@ void view_reset(struct view *view)
     view->subframe = 0;
     view->frame = 0;
     view->still_frames = 0;
-    view->has_density = view->has_feedback = view->has_previous = false;
+    view->has_density = view->has_feedback = view->has_previous = view->has_history = false;
     view->soft = (struct soft_choice){0};
     view->governor = (struct governor){0};
     for (uint32_t i = 0; i < view->renderer->scene->light_count; i++)
@@ -300,7 +287,7 @@ bool view_set_size(struct view *view, uint32_t width, uint32_t height, struct er
     if (!check_size(view->renderer, width, height, error))
         return false;
     if (view->width != width || view->height != height)
-        view->has_previous = false;
+        view->has_previous = view->has_history = false;
     note_change(view, view->width != width || view->height != height);
     view->width = width;
     view->height = height;
@@ -411,7 +398,9 @@ bool view_set_light(struct view *view, uint32_t light, const struct view_light *
     struct view_light old = view->light_changes[light];
     view->light_changes[light] = *change;
     to_origin(view, view->light_changes[light].position, -1);
-    note_change(view, memcmp(&old, &view->light_changes[light], sizeof old) != 0);
+    bool is_change = memcmp(&old, &view->light_changes[light], sizeof old) != 0;
+    note_change(view, is_change);
+    view->has_history &= !is_change;
     return true;
 }
 
@@ -431,7 +420,9 @@ bool view_set_setting(struct view *view, enum setting_id id, double value, struc
     double old = settings_get(&view->settings, id);
     if (!settings_set(&view->settings, id, value, error))
         return false;
-    note_change(view, settings_get(&view->settings, id) != old);
+    bool is_change = settings_get(&view->settings, id) != old;
+    note_change(view, is_change);
+    view->has_history &= !(is_change && id == SETTING_aa);
     return true;
 }
 
@@ -618,6 +609,8 @@ static bool prepare(struct view *view)
              view_buffer(view, BUFFER_READBACK_COUNTERS, sizeof(struct counters_gpu)) &&
              density_prepare(view) && photons_prepare(view) && splat_prepare(view) && emitter_prepare(view) &&
              (!plan->has_lookup || lookup_prepare(view));
+    if (ok && plan->has_temporal)
+        ok = temporal_prepare(view);
     if (ok && plan->has_output)
         ok = compose_prepare(view);
     size_t readback = view->asked[BUFFER_OUTPUT];
@@ -653,6 +646,8 @@ static void record(struct view *view, struct gpu_frame *frame, bool is_last)
             lookup_record(view, frame);
         if (plan->has_feedback)
             feedback_record(view, frame);
+        if (plan->has_temporal)
+            temporal_record(view, frame);
         gpu_record_copy(frame, view->buffers[BUFFER_READBACK_COUNTERS], 0, view->buffers[BUFFER_COUNTERS], 0,
                         sizeof(struct counters_gpu));
     }
@@ -721,7 +716,7 @@ const struct frame_result *view_render(struct view *view, uint32_t channel_mask,
         return NULL;
     }
     if (!view->plan.has_photons)
-        view->has_density = view->has_feedback = view->has_previous = false;
+        view->has_density = view->has_feedback = view->has_previous = view->has_history = false;
     memcpy(result->plan, view->plan.lines, sizeof result->plan);
     result->plan_count = view->plan.line_count;
     result->black_reason = view->features.black_reason;
@@ -764,6 +759,8 @@ const struct frame_result *view_render(struct view *view, uint32_t channel_mask,
             view->has_density = true;
             view->has_feedback = view->plan.has_feedback;
             view->has_previous = view->plan.has_variance;
+            view->has_history = view->plan.has_temporal;
+            view->history_pose = renderer->pose_version;
             view->subframe++;
             view->still_frames += view->still_frames < UINT32_MAX;
         }

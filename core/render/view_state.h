@@ -111,6 +111,9 @@ enum view_buffer {
     BUFFER_REACHED,    /* photons whose quad reached a pixel */
     BUFFER_IRRADIANCE, /* even and odd frames */
     BUFFER_IRRADIANCE_OTHER,
+    BUFFER_BLENDED, /* irradiance with its history, even and odd frames */
+    BUFFER_BLENDED_OTHER,
+    BUFFER_OLD_TARGETS, /* what the history lies on */
     BUFFER_CHAINS,
     BUFFER_CHAIN_WEIGHTS,
     BUFFER_CHAIN_PLACES,
@@ -145,6 +148,7 @@ struct plan {
     struct plan_line lines[VIEW_MAX_PLAN_LINES];
     uint32_t line_count;
     bool has_gbuffer, has_photons, has_feedback, has_variance, has_lookup, has_spreads, has_output;
+    bool has_temporal;
     bool has_sums;  /* splats add to fixed-point sums in compute */
     bool has_quads; /* splats are rasterised */
 };
@@ -203,6 +207,8 @@ struct view {
     uint32_t cells, tile_slots; /* the task buffers' shape; 0: none yet */
     uint32_t min_samples;       /* what the budget allows of the setting */
     bool has_density, has_feedback, has_previous;
+    bool has_history;      /* the last frame's blended irradiance still holds */
+    uint64_t history_pose; /* pose_version that it was made at */
     uint32_t still_frames; /* since anything was changed about the view */
     uint32_t density_rule;
     struct light_tile *tiles; /* per light */
@@ -309,7 +315,8 @@ void photons_record(struct view *view, struct gpu_frame *frame);
 /* Whether the device has what this anti-aliasing (enum splat_aa) needs; the error names it. */
 bool splat_check_aa(const struct renderer *renderer, int32_t aa, struct error *error);
 bool splat_prepare(struct view *view);
-uint32_t splat_samples(const struct view *view); /* per pixel, of the current plan */
+uint32_t splat_samples(const struct view *view);            /* per pixel, of the current plan */
+enum view_buffer splat_irradiance(const struct view *view); /* what this frame resolves into */
 void splat_record(struct view *view, struct gpu_frame *frame);
 bool lookup_prepare(struct view *view);
 void lookup_record(struct view *view, struct gpu_frame *frame);
@@ -320,6 +327,10 @@ const char *lookup_reason_against(const struct view *view, uint32_t channel_mask
 /* Grid and filter of this frame, after its camera. */
 void lookup_fill(const struct view *view, uint32_t subframe_count, struct frame_gpu *data);
 void feedback_record(struct view *view, struct gpu_frame *frame);
+/* temporal.c: the caustics shown, blended with the frames before. */
+bool temporal_prepare(struct view *view);
+void temporal_record(struct view *view, struct gpu_frame *frame);
+enum view_buffer temporal_output(const struct view *view);
 bool compose_prepare(struct view *view);
 void compose_record(struct view *view, struct gpu_frame *frame);
 

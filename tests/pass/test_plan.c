@@ -59,9 +59,10 @@ static bool is_black(const float *values, size_t count)
 /* Which passes a line stands for. */
 static const struct {
     const char *line, *pass;
-} passes_of[] = {{"gbuffer", "gbuffer"},   {"density", "density"}, {"photons", "emit"},  {"photons", "trace"},
-                 {"photons", "compact"},   {"splat", "splat"},     {"splat", "resolve"}, {"lookup", "lookup"},
-                 {"feedback", "feedback"}, {"output", "compose"}};
+} passes_of[] = {{"gbuffer", "gbuffer"},   {"density", "density"}, {"photons", "emit"},
+                 {"photons", "trace"},     {"photons", "compact"}, {"splat", "splat"},
+                 {"splat", "resolve"},     {"lookup", "lookup"},   {"feedback", "feedback"},
+                 {"temporal", "temporal"}, {"output", "compose"}};
 
 static void check_passes(const struct frame_result *result)
 {
@@ -231,6 +232,19 @@ static void what_is_off_takes_no_memory(void **state)
     expect_line(result, "feedback", true, "density follows");
     expect_line(result, "visibility rays", false, "only aa=pixel");
     expect_line(result, "accumulation", false, "accumulate is 1");
+    expect_line(result, "temporal", false, "temporal is 0");
+
+    double blended = bytes_of(&stage, "temporal=0.9", CAUSTICS);
+    result = truth_render(&stage, 1, CAUSTICS);
+    expect_line(result, "temporal", true, "above 0");
+    assert_true(has_pass(result, "temporal"));
+    /* two irradiances and a surface, four floats a pixel each */
+    assert_close(blended - all, 48.0 * PIXELS, 0);
+    expect_line(truth_render(&stage, 1, DEPTH), "temporal", false, "no requested channel");
+    expect_line(truth_render(&stage, 1, 0), "temporal", false, "no requested channel shows directly");
+    truth_set(&stage, "accumulate=2");
+    expect_line(truth_render(&stage, 1, CAUSTICS), "temporal", false, "accumulate averages");
+    assert_close(bytes_of(&stage, "temporal=0 accumulate=1", CAUSTICS), all, 0);
 
     double still = bytes_of(&stage, "variance_gain=0", CAUSTICS);
     expect_line(truth_render(&stage, 1, CAUSTICS), "variance", false, "variance_gain is 0");
