@@ -43,7 +43,8 @@ static void hello_describes_the_server(void **state)
         assert_true(protocol_text_equals(hello->device, "fake"));
         assert_int_equal(hello->limits.max_clients, 32);
         assert_int_equal(hello->setting_count, SETTING_COUNT);
-        assert_true(protocol_text_equals(hello->settings[SETTING_aa].choices, "filter,none,pixel"));
+        assert_true(protocol_text_equals(hello->settings[SETTING_aa].choices,
+                                         "filter,none,pixel,msaa,msaa_sample,msaa_small,coverage"));
         assert_int_equal(hello->channel_count, CHANNEL_COUNT);
         assert_true(hello->light_count >= 1 && hello->camera_count >= 1);
         wire_close(&wire);
