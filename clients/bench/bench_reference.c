@@ -300,6 +300,7 @@ static bool grow(struct making *making, struct error *error)
         share = fmax(share, note->photons / config->reference_photons);
         while (is_good && progress.done < 99 && progress.done < 100 * share)
             progress_step(&progress, text);
+        progress_line(&progress, text);
     } while (is_good && !note->has_confidence && note->photons > 0 &&
              note->photons < config->reference_photons);
     progress_end(&progress);

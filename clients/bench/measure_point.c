@@ -167,8 +167,10 @@ bool point_measure(struct session *session, const struct bench_reference *refere
     }
     if (is_done)
         is_done = client_view_destroy(session->client, view, error);
-    if (is_done)
+    if (is_done) {
         conclude(&samples, result);
+        progress_line(progress, prefix);
+    }
     free(samples.memory);
     return is_done || session_explain(session, error, prefix);
 }

@@ -73,7 +73,7 @@ const char bench_help[] =
     "  --threshold PERCENT   growth of an error past which a point got worse; default 5\n"
     "  --time-threshold PERCENT\n"
     "                        the same for the time on the device; default: times are told, not judged\n"
-    "  --quiet               no progress bar, no summary\n"
+    "  --quiet               no progress, no summary\n"
     "  --version, --help\n"
     "\n"
     "Exit status: 0 measured, and nothing got worse; 1 something got worse past its threshold; 2 wrong usage "

@@ -92,6 +92,12 @@ static void points_are_measured(void **state)
     if (run(SPHERE "--set photons=1024,8192 --out real") != 0)
         fail_msg("%s", output);
     assert_said("2 points measured, 0 kept");
+    /* No terminal: lines in place of the bar. */
+    assert_said(" reference of sphere");
+    assert_said("5/10 sphere photons=1024, ");
+    assert_said(" left\n");
+    assert_said("10/10 sphere photons=8192\n");
+    assert_null(strchr(output, '\r'));
     struct bench_results results = read_results("real/results.json");
     assert_int_equal(results.count, 2);
     assert_int_equal(results.reference_count, 1);
@@ -267,7 +273,8 @@ static void what_is_wrong_is_named(void **state)
         assert_int_equal(run_fake("--scene cube --metric rell1 --out full"), 3);
         assert_said("full/results.json: No space left on device");
     }
-    assert_int_equal(run_fake("--scene cube --metric rell1 --out corrupt --fresh"), 0);
+    assert_int_equal(run_fake("--scene cube --metric rell1 --out corrupt --fresh --quiet"), 0);
+    assert_string_equal(output, "");
     assert_int_equal(run("--connect unix:/nowhere/socket --out x"), 3);
     assert_said("/nowhere/socket");
     assert_int_equal(run("--help"), 0);
