@@ -1,6 +1,5 @@
 #include "options.h"
 
-#include <getopt.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -294,26 +293,17 @@ static bool apply_address(struct bench_options *options, struct error *error)
 static bool parse_all(struct bench_options *options, int argc, char **argv, const char **file,
                       const char **reference, struct error *error)
 {
-    optind = 0; /* start anew, also when called again */
-    opterr = 0;
-    for (;;) {
-        int option = getopt_long(argc, argv, ":", long_options, NULL);
-        if (option == -1)
-            break;
-        if (option == ':')
-            return error_set(error, STATUS_INVALID, "%.100s needs a value", argv[optind - 1]);
-        if (option == '?')
-            return error_set(error, STATUS_INVALID, "there is no option %.100s; --help lists them",
-                             argv[optind - 1]);
-        if (file && option == OPTION_CONFIG)
-            *file = optarg;
-        if (!file && !parse_one(options, option, optarg ? optarg : "", reference, error))
+    const char *value;
+    option_begin();
+    for (int option; (option = option_next(argc, argv, long_options, &value, error)) != OPTION_END;) {
+        if (option == OPTION_WRONG || (!file && !parse_one(options, option, value, reference, error)))
             return false;
+        if (file && option == OPTION_CONFIG)
+            *file = value;
         if (options->help || options->version)
             return true;
     }
-    return optind >= argc ||
-           error_set(error, STATUS_INVALID, "%.100s is no option; --help lists them", argv[optind]);
+    return true;
 }
 
 bool bench_options_parse(struct bench_options *options, int argc, char **argv, struct error *error)

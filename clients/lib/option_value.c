@@ -5,6 +5,27 @@
 #include <stdlib.h>
 #include <string.h>
 
+void option_begin(void)
+{
+    optind = 0; /* glibc: anew, also when called again */
+    opterr = 0;
+}
+
+int option_next(int argc, char **argv, const struct option *table, const char **value, struct error *error)
+{
+    int option = getopt_long(argc, argv, ":", table, NULL);
+    bool is_good = true;
+    if (option == ':')
+        is_good = error_set(error, STATUS_INVALID, "%.100s needs a value", argv[optind - 1]);
+    else if (option == '?')
+        is_good = error_set(error, STATUS_INVALID, "there is no option %.100s; --help lists them",
+                            argv[optind - 1]);
+    else if (option == OPTION_END && optind < argc)
+        is_good = error_set(error, STATUS_INVALID, "%.100s is no option; --help lists them", argv[optind]);
+    *value = optarg ? optarg : "";
+    return is_good ? option : OPTION_WRONG;
+}
+
 bool option_number(const char *option, const char *text, double minimum, double maximum, double *value,
                    struct error *error)
 {

@@ -1,13 +1,29 @@
-/* option_value.h: what the values of command-line options look like, the same in every program.
+/* option_value.h: a command line's options and what their values look like, the same in every program.
  *
  * Errors name the option and the value and say what is allowed.
  */
 #ifndef CAUSTIC_OPTION_VALUE_H
 #define CAUSTIC_OPTION_VALUE_H
 
+#include <getopt.h>
 #include <stdint.h>
 
 #include "../../core/status.h"
+
+/* The options of `argv` one after another, of programs that take nothing else:
+ *
+ *     const char *value;
+ *     option_begin();
+ *     for (int option; (option = option_next(argc, argv, table, &value, error)) != OPTION_END;)
+ *         if (option == OPTION_WRONG || ...)
+ *             return false;
+ *
+ * `table` is getopt_long's, with numbers from 256 on; *value is "" for an option without one, and part of
+ * `argv`. One command line at a time. */
+enum { OPTION_END = -1, OPTION_WRONG = -2 };
+
+void option_begin(void);
+int option_next(int argc, char **argv, const struct option *table, const char **value, struct error *error);
 
 bool option_number(const char *option, const char *text, double minimum, double maximum, double *value,
                    struct error *error);

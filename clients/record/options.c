@@ -1,6 +1,5 @@
 #include "options.h"
 
-#include <getopt.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -295,24 +294,14 @@ bool record_options_parse(struct record_options *options, int argc, char **argv,
     options->channels = "caustics,irradiance,beauty";
     options->folder = "out";
     options->encoding = PROTOCOL_ZSTD;
-    optind = 0; /* start anew, also when called again */
-    opterr = 0;
-    for (;;) {
-        int option = getopt_long(argc, argv, ":", long_options, NULL);
-        if (option == -1)
-            break;
-        if (option == ':')
-            return error_set(error, STATUS_INVALID, "%.100s needs a value", argv[optind - 1]);
-        if (option == '?')
-            return error_set(error, STATUS_INVALID, "there is no option %.100s; --help lists them",
-                             argv[optind - 1]);
-        if (!parse_one(options, option, optarg ? optarg : "", error))
+    const char *value;
+    option_begin();
+    for (int option; (option = option_next(argc, argv, long_options, &value, error)) != OPTION_END;) {
+        if (option == OPTION_WRONG || !parse_one(options, option, value, error))
             return false;
         if (options->help || options->version)
             return true;
     }
-    if (optind < argc)
-        return error_set(error, STATUS_INVALID, "%.100s is no option; --help lists them", argv[optind]);
     options->camera.fov = options->fov > 0 ? options->fov : 45;
     return check_together(options, error);
 }

@@ -1,6 +1,5 @@
 #include "options.h"
 
-#include <getopt.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -395,23 +394,13 @@ bool stability_options_parse(struct stability_options *options, int argc, char *
     };
     for (int i = 0; i < PATH_COUNT; i++)
         options->runs[i] = i != PATH_DRIFT;
-    optind = 0; /* start anew, also when called again */
-    opterr = 0;
-    for (;;) {
-        int option = getopt_long(argc, argv, ":", long_options, NULL);
-        if (option == -1)
-            break;
-        if (option == ':')
-            return error_set(error, STATUS_INVALID, "%.100s needs a value", argv[optind - 1]);
-        if (option == '?')
-            return error_set(error, STATUS_INVALID, "there is no option %.100s; --help lists them",
-                             argv[optind - 1]);
-        if (!parse_one(options, option, optarg ? optarg : "", error))
+    const char *value;
+    option_begin();
+    for (int option; (option = option_next(argc, argv, long_options, &value, error)) != OPTION_END;) {
+        if (option == OPTION_WRONG || !parse_one(options, option, value, error))
             return false;
         if (options->help || options->list || options->version)
             return true;
     }
-    if (optind < argc)
-        return error_set(error, STATUS_INVALID, "%.100s is no option; --help lists them", argv[optind]);
     return check_together(options, error);
 }
