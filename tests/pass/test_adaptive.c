@@ -95,7 +95,7 @@ struct outcome {
 
 static struct outcome compare(const char *scene)
 {
-    struct reference reference = reference_make(scene, WIDTH, HEIGHT, REFERENCE_PHOTONS);
+    struct reference reference = reference_make(scene, WIDTH, HEIGHT, REFERENCE_PHOTONS, "energy");
     print_message("%-8s reference of %.1f M photons, noise %.2f %%, 3x3 %.2f %%\n", scene,
                   1e-6 * reference.photons, 100 * reference.noise, 100 * reference.filtered_noise);
     struct truth stage;

@@ -44,7 +44,7 @@ static size_t fireflies(const struct measure_image *image, const struct measure_
 
 static void check(const char *scene, uint32_t width, uint32_t height, double photons, const char *settings)
 {
-    struct reference reference = reference_make(scene, width, height, photons);
+    struct reference reference = reference_make(scene, width, height, photons, "energy");
     struct truth stage;
     stage_open(&stage, scene, width, height, settings);
     const struct frame_result *result = truth_render(&stage, 5, 1u << CHANNEL_CAUSTICS);

@@ -113,12 +113,14 @@ static void cache_write(const char *path, const struct reference *reference)
 
 /* ---- rendering ----------------------------------------------------------------------------------------- */
 
-struct reference reference_make(const char *scene, uint32_t width, uint32_t height, double photons)
+struct reference reference_make(const char *scene, uint32_t width, uint32_t height, double photons,
+                                const char *split)
 {
     struct reference reference = {.width = width, .height = height};
     reference.values = new_values(&reference);
     char settings[128], path[512], key[160];
-    snprintf(settings, sizeof settings, "photons=%d density=uniform aa=pixel", PHOTONS_A_FRAME);
+    snprintf(settings, sizeof settings, "photons=%d density=uniform aa=pixel split=%s", PHOTONS_A_FRAME,
+             split);
     snprintf(key, sizeof key, "%s %.0f", settings, photons);
     bool is_kept = cache_path(scene, key, &reference, path, sizeof path);
     if (is_kept && cache_read(path, &reference))

@@ -21,9 +21,11 @@ struct reference {
     double noise, filtered_noise;
 };
 
-/* Of `scene` (as stage_open takes it) with at least `photons` emitted. Fails the test that calls it when
- * something goes wrong. */
-struct reference reference_make(const char *scene, uint32_t width, uint32_t height, double photons);
+/* Of `scene` (as stage_open takes it) with at least `photons` emitted. `split`, the setting, is unbiased
+ * either way: "roulette" halves the time for a given number of photons (a third on `square`), "energy" has
+ * the least noise for a given time. Fails the test that calls it when something goes wrong. */
+struct reference reference_make(const char *scene, uint32_t width, uint32_t height, double photons,
+                                const char *split);
 void reference_free(struct reference *reference);
 
 /* Relative L1 of a caustics channel against the reference; the second one after a 3x3 box filter of both. */
