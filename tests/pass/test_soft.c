@@ -5,6 +5,7 @@
 #include "core/render/renderer.h"
 #include "core/scene/scene.h"
 #include "tests/support/check.h"
+#include "tests/support/scenery.h"
 #include "tests/support/stage.h"
 #include "tests/support/truth.h"
 
@@ -99,6 +100,104 @@ static void soft_caustics_follow_the_emitter(void **state)
     }
 }
 
+/* ---- penumbrae -------------------------------------------------------------------------------------------
+ */
+
+/* A square mirror at y = 1 looks down on the floor and, beside the floor's caustic, on a rectangle that
+ * shines upwards: a floor point sees the rectangle's image, 0.8 m above the mirror, as far as the mirror's
+ * edges let it. */
+enum { PENUMBRA_WIDTH = 120, PENUMBRA_HEIGHT = 68 };
+static const double emitter[3] = {-0.4, 0.2, 0}, emitter_half[2] = {0.1, 0.06}, mirror_half = 0.25;
+
+/* Irradiance over radiance of a horizontal rectangle `height` above a point that faces it, its sides at x and
+ * z from there (Lambert's formula: half the sum over its edges of the angle an edge takes up times the cosine
+ * of the edge's plane). */
+static double lambert(const double x[2], const double z[2], double height)
+{
+    struct vec3 corners[4];
+    double sum = 0;
+    for (int i = 0; i < 4; i++)
+        corners[i] = vec3_unit(vec3_make(x[i == 1 || i == 2], height, z[i / 2]), vec3_make(0, 1, 0));
+    for (int i = 0; i < 4; i++) {
+        struct vec3 across = vec3_cross(corners[i], corners[(i + 1) % 4]);
+        double sine = vec3_length(across);
+        if (sine > 0)
+            sum += atan2(sine, vec3_dot(corners[i], corners[(i + 1) % 4])) * across.y / sine;
+    }
+    return 0.5 * fabs(sum);
+}
+
+static double penumbra(const double floor[2])
+{
+    double sides[2][2], height = 2 - emitter[1];
+    for (int axis = 0; axis < 2; axis++)
+        for (int end = 0; end < 2; end++) {
+            double sign = end ? 1 : -1, place = axis ? emitter[2] : emitter[0];
+            double at = place + sign * emitter_half[axis] - floor[axis];
+            double edge = (sign * mirror_half - floor[axis]) * height; /* the mirror's, seen at the image */
+            sides[axis][end] = end ? fmin(at, edge) : fmax(at, edge);
+        }
+    bool is_seen = sides[0][0] < sides[0][1] && sides[1][0] < sides[1][1];
+    return is_seen ? lambert(sides[0], sides[1], height) : 0;
+}
+
+static void penumbrae_are_those_of_the_emitter(void **state)
+{
+    (void)state;
+    struct scene_builder builder;
+    scenery_begin(&builder, NULL);
+    scenery_floor(&builder, 16);
+    uint32_t metal = scenery_mirror(&builder);
+    for (int k = 0; k < 3; k++)
+        builder.scene->materials[metal].base_color[k] = 1;
+    scenery_place(&builder, shape_floor(&builder, "mirror", metal, vec3_make(0, 1, 0), 2 * mirror_half));
+    const double intensity = 10, up[3] = {0, 1, 0};
+    struct scene_light light = {.type = LIGHT_SPOT,
+                                .node = truth_aimed_node(&builder, "emitter", emitter, up),
+                                .intensity = {10, 10, 10},
+                                .inner_cone = 1.5f,
+                                .outer_cone = 1.57f,
+                                .shape = LIGHT_SHAPE_RECTANGLE,
+                                .half_size = {(float)emitter_half[0], (float)emitter_half[1]},
+                                .is_emissive_mesh = true};
+    scene_name_copy(light.name, "emitter");
+    scene_builder_light(&builder, &light);
+    struct view_camera camera =
+        scenery_camera(&builder, vec3_make(0.5, 2.2, 1.9), vec3_make(0.5, 0, 0), vec3_make(0, 1, 0), 42);
+    struct truth stage;
+    scenery_open(&stage, &builder, &camera, PENUMBRA_WIDTH, PENUMBRA_HEIGHT, "photons=65536");
+    static float expected[PENUMBRA_WIDTH * PENUMBRA_HEIGHT * 3];
+    double radiance = intensity / (4 * emitter_half[0] * emitter_half[1]);
+    for (uint32_t p = 0; p < (uint32_t)PENUMBRA_WIDTH * PENUMBRA_HEIGHT; p++) {
+        /* the mean over a pixel, from sixteen places of it */
+        double floor[2], sum = 0;
+        for (int k = 0; k < 16; k++) {
+            assert_true(truth_floor_point(&stage, p % PENUMBRA_WIDTH + (k % 4 + 0.5) / 4,
+                                          p / PENUMBRA_WIDTH + (k / 4 + 0.5) / 4, floor));
+            sum += penumbra(floor);
+        }
+        for (uint32_t c = 0; c < 3; c++)
+            expected[3 * p + c] = (float)(radiance * sum / 16);
+    }
+    static const char *const ways[] = {"soft=differentials", "soft=samples", "soft=auto",
+                                       "aa=pixel accumulate=16"};
+    for (size_t way = 0; way < sizeof ways / sizeof *ways; way++) {
+        truth_set(&stage, ways[way]);
+        view_reset(stage.view);
+        const struct frame_result *result = truth_render(&stage, 5, IRRADIANCE);
+        struct measure_image a = {truth_channel(result, CHANNEL_IRRADIANCE), PENUMBRA_WIDTH, PENUMBRA_HEIGHT,
+                                  3},
+                             b = {expected, PENUMBRA_WIDTH, PENUMBRA_HEIGHT, 3};
+        double error = measure_relative_l1(&a, &b),
+               flux = measure_sum(&a, 1, NULL) / measure_sum(&b, 1, NULL);
+        print_message("penumbra of a rectangle, %-22s relative L1 %.4f, flux %.4f, auto measured %.4f\n",
+                      ways[way], error, flux, result->stats[STAT_soft_error]);
+        assert_in_bound(error, 0.05);
+        assert_close(flux, 1, 0.01);
+    }
+    truth_close(&stage);
+}
+
 /* A radius of nothing is a punctual light, to the last bit; one that swallows the scene is taken as smaller
  * and said so. */
 static void sizes_without_sense(void **state)
@@ -154,6 +253,7 @@ static void plan_and_memory(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {cmocka_unit_test(soft_caustics_follow_the_emitter),
+                                       cmocka_unit_test(penumbrae_are_those_of_the_emitter),
                                        cmocka_unit_test(sizes_without_sense),
                                        cmocka_unit_test(plan_and_memory)};
     return cmocka_run_group_tests(tests, NULL, NULL);
