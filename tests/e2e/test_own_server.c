@@ -115,6 +115,7 @@ static void die_of(int number)
     pid_t child = fork();
     assert_true(child >= 0);
     if (child == 0) {
+        signal(number, SIG_DFL); /* a shell starts background jobs with some ignored */
         struct server_process *server =
             server_process_start(&(struct server_process_params){.program = program}, &error);
         if (!server)

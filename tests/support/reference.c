@@ -132,8 +132,9 @@ struct reference reference_make(const char *scene, uint32_t width, uint32_t heig
     double emitted = truth_render(&stage, 1, 0)->stats[STAT_photons_emitted];
     assert_true(emitted > 0);
     float *halves[2];
+    /* two subframes at least: a single one is not jittered */
     for (int half = 0; half < 2; half++) {
-        snprintf(settings, sizeof settings, "accumulate=%.0f seed=%d", ceil(0.5 * photons / emitted),
+        snprintf(settings, sizeof settings, "accumulate=%.0f seed=%d", fmax(ceil(0.5 * photons / emitted), 2),
                  half + 1);
         truth_set(&stage, settings);
         const struct frame_result *result = truth_render(&stage, 1, 1u << CHANNEL_CAUSTICS);
