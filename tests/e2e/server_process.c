@@ -2,75 +2,24 @@
 #include "server_process.h"
 
 #include "tests/support/check.h"
+#include "tests/support/program.h"
 
 #include <dirent.h>
-#include <errno.h>
 #include <fcntl.h>
 #include <ftw.h>
 #include <poll.h>
 #include <signal.h>
 #include <string.h>
-#include <sys/prctl.h>
 #include <sys/stat.h>
 #include <sys/wait.h>
-#include <time.h>
 #include <unistd.h>
 
 /* To compile every pipeline on a slow machine under a sanitizer. */
 #define READY_SECONDS 120.0
 
-double seconds_now(void)
-{
-    struct timespec now;
-    clock_gettime(CLOCK_MONOTONIC, &now);
-    return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
-}
-
-static void find_program(const char *program, char *path, size_t size)
-{
-    const char *folder = getenv("CAUSTICD_BIN_DIR");
-    path[0] = 0;
-    if (!folder) {
-        fail_msg("CAUSTICD_BIN_DIR is not set: run the tests through ctest");
-        return;
-    }
-    snprintf(path, size, "%s/%s", folder, program);
-    if (access(path, X_OK) != 0)
-        fail_msg("%s was not built", path);
-}
-
-/* Runs `path` with both outputs going to the given descriptors. */
-static pid_t spawn(const char *path, char *const *arguments, int out, int err)
-{
-    pid_t parent = getpid(), pid = fork();
-    assert_true(pid >= 0);
-    if (pid == 0) {
-        prctl(PR_SET_PDEATHSIG, SIGKILL);
-        if (getppid() != parent)
-            _exit(127);
-        dup2(out, STDOUT_FILENO);
-        dup2(err, STDERR_FILENO);
-        execv(path, arguments);
-        _exit(127);
-    }
-    return pid;
-}
-
-static char *read_all(const char *path)
-{
-    char *text = calloc(1, 65536);
-    int fd = open(path, O_RDONLY | O_CLOEXEC);
-    size_t size = 0;
-    for (ssize_t got; fd >= 0 && size < 65535 && (got = read(fd, text + size, 65535 - size)) > 0;)
-        size += (size_t)got;
-    if (fd >= 0)
-        close(fd);
-    return text;
-}
-
 char *server_log(const struct server_process *server)
 {
-    return read_all(server->log_path);
+    return program_read(server->log_path);
 }
 
 static void fail_with_log(struct server_process *server, const char *what)
@@ -120,7 +69,7 @@ void server_start(struct server_process *server, const struct server_params *par
 {
     *server = (struct server_process){.folder = "/tmp/causticd-test-XXXXXX"};
     char path[4096], unix_option[160], *arguments[SERVER_MAX_ARGUMENTS + 12];
-    find_program(params->program ? params->program : "causticd-fake", path, sizeof path);
+    program_path(params->program ? params->program : "causticd-fake", path, sizeof path);
     assert_non_null(mkdtemp(server->folder));
     snprintf(server->socket_path, sizeof server->socket_path, "%s/socket", server->folder);
     snprintf(server->log_path, sizeof server->log_path, "%s/log", server->folder);
@@ -138,30 +87,18 @@ void server_start(struct server_process *server, const struct server_params *par
     arguments[count] = NULL;
     int out[2], log = open(server->log_path, O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0600);
     assert_true(log >= 0 && pipe2(out, O_CLOEXEC) == 0);
-    server->pid = spawn(path, arguments, out[1], log);
+    server->pid = program_spawn(path, arguments, out[1], log);
     close(out[1]);
     close(log);
     await_ready(server, out[0]);
     close(out[0]);
 }
 
-static int wait_for(pid_t pid, double seconds)
-{
-    int status;
-    double end = seconds_now() + seconds;
-    while (waitpid(pid, &status, WNOHANG) != pid) {
-        if (seconds_now() > end)
-            return -1;
-        nanosleep(&(struct timespec){.tv_nsec = 2000000}, NULL);
-    }
-    return WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
-}
-
 int server_wait(struct server_process *server, int signal, double seconds)
 {
     if (signal)
         kill(server->pid, signal);
-    int status = wait_for(server->pid, seconds);
+    int status = program_wait(server->pid, seconds);
     if (status < 0)
         fail_with_log(server, "the server does not end");
     server->pid = 0;
@@ -195,31 +132,6 @@ void server_stop(struct server_process *server)
         fail_with_log(server, "the server did not exit with 0");
     assert_int_not_equal(access(server->socket_path, F_OK), 0);
     server_clean(server);
-}
-
-int program_run(const char *program, const char *const *arguments, double seconds, char **text)
-{
-    char path[4096], output[] = "/tmp/causticd-test-XXXXXX", *list[SERVER_MAX_ARGUMENTS + 2];
-    find_program(program, path, sizeof path);
-    size_t count = 0;
-    list[count++] = path;
-    for (size_t i = 0; i < SERVER_MAX_ARGUMENTS && arguments[i]; i++)
-        list[count++] = (char *)(uintptr_t)arguments[i];
-    list[count] = NULL;
-    int fd = mkostemp(output, O_CLOEXEC);
-    assert_true(fd >= 0);
-    pid_t pid = spawn(path, list, fd, fd);
-    close(fd);
-    int status = wait_for(pid, seconds);
-    if (status < 0) {
-        kill(pid, SIGKILL);
-        waitpid(pid, NULL, 0);
-        print_error("%s does not end\n", program);
-    }
-    *text = read_all(output);
-    unlink(output);
-    assert_true(status >= 0);
-    return status;
 }
 
 uint64_t server_memory(const struct server_process *server)

@@ -39,16 +39,9 @@ void server_stop(struct server_process *server);
 /* What it wrote to stderr so far; free() it. */
 char *server_log(const struct server_process *server);
 
-/* Runs a program of CAUSTICD_BIN_DIR to its end; returns its exit status. `text` gets what it wrote to stdout
- * and stderr together; free() it. */
-int program_run(const char *program, const char *const *arguments, double seconds, char **text);
-
 /* Resident bytes; 0 under AddressSanitizer, which keeps freed memory. */
 uint64_t server_memory(const struct server_process *server);
 /* Open descriptors. */
 uint32_t server_descriptors(const struct server_process *server);
-
-/* Seconds, monotonic. */
-double seconds_now(void);
 
 #endif

@@ -2,6 +2,7 @@
  * and nothing leaks. Against the server with the fake renderer. */
 #include "server_process.h"
 #include "tests/support/check.h"
+#include "tests/support/program.h"
 #include "tests/support/wire.h"
 
 #include "core/render/renderer.h"

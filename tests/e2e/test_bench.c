@@ -12,24 +12,15 @@
 #include "core/image/image_io.h"
 #include "core/measure/image_measure.h"
 #include "tests/support/check.h"
+#include "tests/support/program.h"
 
 static struct error error;
-static char folder[] = "/tmp/test_bench_e2e_XXXXXX", output[32768];
+static char folder[] = "/tmp/test_bench_e2e_XXXXXX";
 
-/* Runs caustic-bench in `folder`, both its streams into `output`. Returns its exit status. */
+/* Runs caustic-bench in `folder`, Returns its exit status. */
 static int run(const char *arguments)
 {
-    const char *programs = getenv("CAUSTICD_BIN_DIR");
-    char command[4096];
-    snprintf(command, sizeof command, "cd %s && exec %s/caustic-bench --cache refs %s 2>&1", folder,
-             programs ? programs : ".", arguments);
-    FILE *pipe = popen(command, "r");
-    assert_non_null(pipe);
-    size_t size = fread(output, 1, sizeof output - 1, pipe);
-    output[size] = 0;
-    int status = pclose(pipe);
-    assert_true(WIFEXITED(status));
-    return WEXITSTATUS(status);
+    return program_run(folder, "caustic-bench --cache refs %s", arguments);
 }
 
 /* The same on the server without a renderer. */
@@ -51,8 +42,8 @@ static const char *in_folder(const char *name)
 
 static void assert_said(const char *expected)
 {
-    if (!strstr(output, expected))
-        fail_msg("it did not say \"%s\" but:\n%s", expected, output);
+    if (!strstr(program_output, expected))
+        fail_msg("it did not say \"%s\" but:\n%s", expected, program_output);
 }
 
 static void write_file(const char *name, const char *text)
@@ -90,14 +81,14 @@ static void points_are_measured(void **state)
 {
     (void)state;
     if (run(SPHERE "--set photons=1024,8192 --out real") != 0)
-        fail_msg("%s", output);
+        fail_msg("%s", program_output);
     assert_said("2 points measured, 0 kept");
     /* No terminal: lines in place of the bar. */
     assert_said(" reference of sphere");
     assert_said("5/10 sphere photons=1024, ");
     assert_said(" left\n");
     assert_said("10/10 sphere photons=8192\n");
-    assert_null(strchr(output, '\r'));
+    assert_null(strchr(program_output, '\r'));
     struct bench_results results = read_results("real/results.json");
     assert_int_equal(results.count, 2);
     assert_int_equal(results.reference_count, 1);
@@ -263,8 +254,8 @@ static void what_is_wrong_is_named(void **state)
     };
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
         int status = run_fake(cases[i].arguments);
-        if (status != cases[i].status || !strstr(output, cases[i].expected))
-            fail_msg("%s ended with %d and said:\n%s", cases[i].arguments, status, output);
+        if (status != cases[i].status || !strstr(program_output, cases[i].expected))
+            fail_msg("%s ended with %d and said:\n%s", cases[i].arguments, status, program_output);
     }
     /* A disk that is full when the first point is kept. */
     if (access("/dev/full", W_OK) == 0) {
@@ -274,7 +265,7 @@ static void what_is_wrong_is_named(void **state)
         assert_said("full/results.json: No space left on device");
     }
     assert_int_equal(run_fake("--scene cube --metric rell1 --out corrupt --fresh --quiet"), 0);
-    assert_string_equal(output, "");
+    assert_string_equal(program_output, "");
     assert_int_equal(run("--connect unix:/nowhere/socket --out x"), 3);
     assert_said("/nowhere/socket");
     assert_int_equal(run("--help"), 0);

@@ -7,37 +7,19 @@
 
 #include "core/image/image_io.h"
 #include "tests/support/check.h"
+#include "tests/support/program.h"
 
 static char folder[200];
 
-/* Runs it in the folder of test files and collects stdout and stderr together. Returns the exit status. */
-static int run(char *output, size_t size, const char *arguments)
+static int run(const char *arguments)
 {
-    char command[2 * PATH_MAX + 512];
-    const char *programs = getenv("CAUSTICD_BIN_DIR");
-    snprintf(command, sizeof command, "cd '%s' && '%s/caustic-diff' %s 2>&1", folder,
-             programs ? programs : "bin", arguments);
-    FILE *pipe = popen(command, "r");
-    assert_non_null(pipe);
-    size_t length = fread(output, 1, size - 1, pipe);
-    output[length] = 0;
-    int status = pclose(pipe);
-    assert_true(WIFEXITED(status));
-    return WEXITSTATUS(status);
+    return program_run(folder, "caustic-diff %s", arguments);
 }
 
 static void assert_says(int status, const char *arguments, const char *said)
 {
-    char output[16384];
-    int got = run(output, sizeof output, arguments);
-    if (got != status || !strstr(output, said)) {
-        print_error("caustic-diff %s: exit %d, wanted %d and \"%s\"\n%s\n", arguments, got, status, said,
-                    output);
-        fail();
-    }
+    program_expect(status, said, folder, "caustic-diff %s", arguments);
 }
-
-static char json_text[16384];
 
 /* Runs it with --json; number_of looks at what it printed. Starting it takes a quarter of a second, most of
  * it for OpenImageIO's libraries, so one run answers what it can. */
@@ -45,8 +27,8 @@ static void run_json(const char *arguments)
 {
     char with_json[400];
     snprintf(with_json, sizeof with_json, "%s --json", arguments);
-    if (run(json_text, sizeof json_text, with_json) == 2)
-        fail_msg("caustic-diff %s\n%s", with_json, json_text);
+    if (run(with_json) == 2)
+        fail_msg("caustic-diff %s\n%s", with_json, program_output);
 }
 
 /* The number after `"name": `. */
@@ -54,9 +36,9 @@ static double number_of(const char *name)
 {
     char key[64];
     snprintf(key, sizeof key, "\"%s\": ", name);
-    const char *at = strstr(json_text, key);
+    const char *at = strstr(program_output, key);
     if (!at)
-        fail_msg("no %s in\n%s", name, json_text);
+        fail_msg("no %s in\n%s", name, program_output);
     return strtod(at + strlen(key), NULL);
 }
 
@@ -168,13 +150,12 @@ static void test_values(void **state)
 static void test_defaults(void **state)
 {
     (void)state;
-    char output[4096];
-    assert_int_equal(run(output, sizeof output, "flat.exr flat.exr"), 0);
-    assert_non_null(strstr(output, "flat.exr against flat.exr: 24x16 pixels\n  rmse       0"));
-    assert_non_null(strstr(output, "hdrflip    0"));
-    assert_int_equal(run(output, sizeof output, "half.png half.png"), 0);
-    assert_non_null(strstr(output, "flip       0"));
-    assert_null(strstr(output, "hdrflip"));
+    assert_int_equal(run("flat.exr flat.exr"), 0);
+    assert_non_null(strstr(program_output, "flat.exr against flat.exr: 24x16 pixels\n  rmse       0"));
+    assert_non_null(strstr(program_output, "hdrflip    0"));
+    assert_int_equal(run("half.png half.png"), 0);
+    assert_non_null(strstr(program_output, "flip       0"));
+    assert_null(strstr(program_output, "hdrflip"));
 }
 
 static void test_crop_and_mask(void **state)

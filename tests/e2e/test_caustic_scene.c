@@ -5,31 +5,11 @@
 #include <unistd.h>
 
 #include "tests/support/check.h"
-
-/* Runs it with arguments and collects stdout and stderr together. Returns the exit status. */
-static int run(char *output, size_t size, const char *arguments)
-{
-    char command[PATH_MAX + 512];
-    const char *folder = getenv("CAUSTICD_BIN_DIR");
-    snprintf(command, sizeof command, "'%s/caustic-scene' %s 2>&1", folder ? folder : "bin", arguments);
-    FILE *pipe = popen(command, "r");
-    assert_non_null(pipe);
-    size_t length = fread(output, 1, size - 1, pipe);
-    output[length] = 0;
-    int status = pclose(pipe);
-    assert_true(WIFEXITED(status));
-    return WEXITSTATUS(status);
-}
+#include "tests/support/program.h"
 
 static void assert_says(int status, const char *arguments, const char *said)
 {
-    char output[16384];
-    int got = run(output, sizeof output, arguments);
-    if (got != status || !strstr(output, said)) {
-        print_error("caustic-scene %s: exit %d, wanted %d and \"%s\"\n%s\n", arguments, got, status, said,
-                    output);
-        fail();
-    }
+    program_expect(status, said, NULL, "caustic-scene %s", arguments);
 }
 
 static void test_list(void **state)
@@ -53,12 +33,12 @@ static void test_info(void **state)
 static void test_export(void **state)
 {
     (void)state;
-    char path[256], arguments[600], output[4096];
+    char path[256], arguments[600];
     const char *folder = getenv("TMPDIR");
     snprintf(path, sizeof path, "%s/causticd_%ld.glb", folder ? folder : "/tmp", (long)getpid());
     snprintf(arguments, sizeof arguments, "export cornell '%s'", path);
-    assert_int_equal(run(output, sizeof output, arguments), 0);
-    assert_string_equal(output, "");
+    assert_int_equal(program_run(NULL, "caustic-scene %s", arguments), 0);
+    assert_string_equal(program_output, "");
     snprintf(arguments, sizeof arguments, "info '%s'", path);
     assert_says(0, arguments, "5130 triangles");
     remove(path);

@@ -17,24 +17,15 @@
 #include "clients/lib/camera_path.h"
 #include "core/image/image_io.h"
 #include "tests/support/fake_peer.h"
+#include "tests/support/program.h"
 
 static struct error error;
-static char folder[] = "/tmp/test_record_XXXXXX", server_address[64], output[8192];
+static char folder[] = "/tmp/test_record_XXXXXX", server_address[64];
 
-/* Runs caustic-record in `folder`, both its streams into `output`. Returns its exit status. */
+/* Runs caustic-record in `folder`, Returns its exit status. */
 static int run(const char *arguments)
 {
-    const char *programs = getenv("CAUSTICD_BIN_DIR");
-    char command[4096];
-    snprintf(command, sizeof command, "cd %s && exec %s/caustic-record %s 2>&1", folder,
-             programs ? programs : ".", arguments);
-    FILE *pipe = popen(command, "r");
-    assert_non_null(pipe);
-    size_t size = fread(output, 1, sizeof output - 1, pipe);
-    output[size] = 0;
-    int status = pclose(pipe);
-    assert_true(WIFEXITED(status));
-    return WEXITSTATUS(status);
+    return program_run(folder, "caustic-record %s", arguments);
 }
 
 /* The same with a server of its own, which has no caustics. Returns the exit status; *requests what the
@@ -80,7 +71,7 @@ static void frames_become_files(void **state)
                    "--channels all --png --out made/by/record",
                    FAKE_HONEST, &requests);
     if (status != 0)
-        fail_msg("%s", output);
+        fail_msg("%s", program_output);
     /* CHOOSE, VIEW_CREATE, three settings, light, camera, three times, five frames. */
     assert_int_equal(requests, 15);
     for (uint32_t i = 0; i < 3; i++) {
@@ -121,9 +112,9 @@ static void frames_become_files(void **state)
     assert_true(image_read_exr_string(exr, "caustic.version", text, sizeof text, &error));
     assert_string_equal(text, "fake 1.2.3");
     /* The closing table: the median of 1.000002, 1.000003 and 1.000004 ms. */
-    assert_non_null(strstr(output, "trace"));
-    assert_non_null(strstr(output, "photons_emitted"));
-    assert_non_null(strstr(output, "1 of 1 guards"));
+    assert_non_null(strstr(program_output, "trace"));
+    assert_non_null(strstr(program_output, "photons_emitted"));
+    assert_non_null(strstr(program_output, "1 of 1 guards"));
 }
 
 static void statistics_are_written(void **state)
@@ -135,7 +126,7 @@ static void statistics_are_written(void **state)
                    "--set jitter=on --channels beauty --quiet --out stats",
                    FAKE_HONEST, &requests);
     assert_int_equal(status, 0);
-    assert_string_equal(output, "");
+    assert_string_equal(program_output, "");
     json_error_t fault;
     json_t *root = json_load_file(in_folder("stats/stats.json"), 0, &fault);
     if (!root)
@@ -193,7 +184,7 @@ static void paths_move_the_camera(void **state)
     int status = run_served("--size 16x16 --frames 5 --fps 0 --path keys.json --channels depth --out path",
                             FAKE_HONEST, &requests);
     if (status != 0)
-        fail_msg("%s", output);
+        fail_msg("%s", program_output);
     struct camera_path *path = camera_path_read(in_folder("keys.json"), 0, &error);
     json_t *root = json_load_file(in_folder("path/stats.json"), 0, NULL);
     assert_true(path && root);
@@ -273,11 +264,11 @@ static void wrong_commands_exit_2(void **state)
     };
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
         int status = run(cases[i].arguments);
-        if (status != 2 || !strstr(output, cases[i].named))
-            fail_msg("%s: %d, \"%s\"", cases[i].arguments, status, output);
+        if (status != 2 || !strstr(program_output, cases[i].named))
+            fail_msg("%s: %d, \"%s\"", cases[i].arguments, status, program_output);
     }
     assert_int_equal(run("--help"), 0);
-    assert_non_null(strstr(output, "--tile-encoding"));
+    assert_non_null(strstr(program_output, "--tile-encoding"));
     assert_int_equal(run("--version"), 0);
 }
 
@@ -306,15 +297,15 @@ static void failures_exit_1_and_name_the_option(void **state)
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
         if (strstr(cases[i].arguments, "missing.json")) {
             assert_int_equal(run(cases[i].arguments), 1); /* it never connects */
-            assert_non_null(strstr(output, cases[i].named));
+            assert_non_null(strstr(program_output, cases[i].named));
             continue;
         }
         int status = run_served(cases[i].arguments, cases[i].fault, &requests);
-        if (status != 1 || !strstr(output, cases[i].named))
-            fail_msg("%s: %d, \"%s\"", cases[i].arguments, status, output);
+        if (status != 1 || !strstr(program_output, cases[i].named))
+            fail_msg("%s: %d, \"%s\"", cases[i].arguments, status, program_output);
     }
     assert_int_equal(run("--connect unix:nobody"), 1);
-    assert_non_null(strstr(output, "is causticd running?"));
+    assert_non_null(strstr(program_output, "is causticd running?"));
 }
 
 static int set_up(void **state)

@@ -2,6 +2,7 @@
  * complains. */
 #include "server_process.h"
 #include "tests/support/check.h"
+#include "tests/support/program.h"
 #include "tests/support/wire.h"
 
 #include "core/render/renderer.h"
@@ -67,12 +68,7 @@ static void every_builtin_scene_is_clean(void **state)
 
 int main(void)
 {
-    char *text;
-    int status =
-        program_run("causticd", (const char *const[SERVER_MAX_ARGUMENTS]){"--list-devices"}, 60, &text);
-    free(text);
-    if (status != 0)
-        skip_program("there is no Vulkan device");
+    program_needs_device();
     const struct CMUnitTest tests[] = {cmocka_unit_test(every_builtin_scene_is_clean)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

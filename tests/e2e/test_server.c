@@ -1,6 +1,7 @@
 /* The real causticd on a real Vulkan device (lavapipe will do), through the C client library. */
 #include "server_process.h"
 #include "tests/support/check.h"
+#include "tests/support/program.h"
 
 #include "clients/lib/client.h"
 #include "core/render/renderer.h"
@@ -267,12 +268,7 @@ static void scenes_without_caustics_say_so(void **state)
 
 int main(void)
 {
-    char *text;
-    int status =
-        program_run("causticd", (const char *const[SERVER_MAX_ARGUMENTS]){"--list-devices"}, 60, &text);
-    free(text);
-    if (status != 0)
-        skip_program("there is no Vulkan device");
+    program_needs_device();
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(recordings_are_bit_identical),
         cmocka_unit_test(a_frame_explains_itself),

@@ -9,22 +9,17 @@
 #include "clients/stability/measures.h"
 #include "server_process.h"
 #include "tests/support/check.h"
+#include "tests/support/program.h"
 
 static struct server_process server;
-static char folder[] = "/tmp/test_stability_XXXXXX", *output;
+static char folder[] = "/tmp/test_stability_XXXXXX";
 
 /* Runs caustic-stability with `name` in the test's folder as its --out, against the running server unless
  * `scene` is given. */
 static int run(const char *name, const char *scene, const char *arguments)
 {
-    char command[2048], *words[40] = {0};
-    uint32_t count = 0;
-    snprintf(command, sizeof command, "--out %s/%s %s %s %s", folder, name, scene ? "--scene" : "--connect",
-             scene ? scene : server.unix_address, arguments);
-    for (char *at = strtok(command, " "); at && count < 39; at = strtok(NULL, " "))
-        words[count++] = at;
-    free(output);
-    return program_run("caustic-stability", (const char *const *)words, 240, &output);
+    return program_run(NULL, "caustic-stability --out %s/%s %s %s %s", folder, name,
+                       scene ? "--scene" : "--connect", scene ? scene : server.unix_address, arguments);
 }
 
 static json_t *report(const char *name)
@@ -53,8 +48,8 @@ static double measure(json_t *path, const char *name)
 
 static void expect(int status, int wanted, const char *text)
 {
-    if (status != wanted || !strstr(output, text))
-        fail_msg("exit %d, not %d with \"%s\": %s", status, wanted, text, output);
+    if (status != wanted || !strstr(program_output, text))
+        fail_msg("exit %d, not %d with \"%s\": %s", status, wanted, text, program_output);
 }
 
 /* Enough of every kind of measure on the glass ball, on a server of its own: nothing moves, so once the task
@@ -120,7 +115,7 @@ static void a_lost_server_leaves_what_was_measured(void **state)
     (void)state;
     const char *arguments = SHORT "--path still,settings-flicker --flicker seed=1,2147483647 --resume";
     expect(run("lost", NULL, arguments), 1, "path settings-flicker, after 5 of 17 frames");
-    assert_non_null(strstr(output, "--resume goes on from there"));
+    assert_non_null(strstr(program_output, "--resume goes on from there"));
     json_t *root = report("lost"), *flicker = path_of(root, 1);
     assert_true(json_is_true(json_object_get(path_of(root, 0), "is_complete")));
     assert_true(json_is_false(json_object_get(flicker, "is_complete")));
@@ -221,7 +216,6 @@ static int tear_down(void **state)
     (void)state;
     char command[128];
     server_stop(&server);
-    free(output);
     snprintf(command, sizeof command, "rm -r %s", folder);
     return system(command);
 }

@@ -2,6 +2,7 @@
  * promised. */
 #include "server_process.h"
 #include "tests/support/check.h"
+#include "tests/support/program.h"
 #include "tests/support/wire.h"
 
 #include "core/render/renderer.h"

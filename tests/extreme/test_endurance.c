@@ -2,6 +2,7 @@
  * descriptor more at the end than after the first hundred. */
 #include "tests/e2e/server_process.h"
 #include "tests/support/check.h"
+#include "tests/support/program.h"
 #include "tests/support/wire.h"
 
 #include "core/render/renderer.h"
@@ -65,12 +66,7 @@ static void two_thousand_frames_leave_nothing(void **state)
 
 int main(void)
 {
-    char *text;
-    int status =
-        program_run("causticd", (const char *const[SERVER_MAX_ARGUMENTS]){"--list-devices"}, 60, &text);
-    free(text);
-    if (status != 0)
-        skip_program("there is no Vulkan device");
+    program_needs_device();
     const struct CMUnitTest tests[] = {cmocka_unit_test(two_thousand_frames_leave_nothing)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
