@@ -1,155 +1,21 @@
-/* test_pass_photons.c: one bounce of photons against a C model in double precision: every triangle in turn,
- * Snell by angles, Fresnel by sines and tangents, Beer-Lambert, and differentials as differences of two
- * neighbouring rays.
+/* test_pass_photons.c: one bounce of photons against a C model in double precision: photon_model.h,
+ * Beer-Lambert, and differentials as differences of two neighbouring rays.
  */
 #include <string.h>
 
-#include "core/scene/bvh.h"
 #include "tests/support/check.h"
 #include "tests/support/pass_device.h"
+#include "tests/support/photon_model.h"
 #include "tests/support/tile_maps.h"
 
 static struct pass_device *device;
 static uint64_t random_state;
 
-/* ---- a small scene ------------------------------------------------------------------------------------- */
-
-enum { SPHERE, MIRROR, FLOOR, SHEET, SLAB, PARTS }; /* a mesh, an instance and a material each */
-enum { AROUND = 24, DOWN = 12, QUADS = 4 };
-enum {
-    SPHERE_VERTICES = AROUND * (DOWN + 1),
-    SPHERE_TRIANGLES = AROUND * DOWN * 2,
-    VERTICES = SPHERE_VERTICES + 4 * QUADS,
-    TRIANGLES = SPHERE_TRIANGLES + 2 * QUADS,
-    NODES = 2 * TRIANGLES + 64
-};
-
-static const struct vector sphere_center = {0.3, 0.2, -0.1};
-
-static struct scene_vertex vertices[VERTICES];
-static uint32_t indices[3 * TRIANGLES]; /* relative to the mesh's first vertex */
-static struct scene_mesh meshes[PARTS];
-static struct scene scene = {.vertices = vertices, .indices = indices, .meshes = meshes, .mesh_count = PARTS};
-static struct material_gpu materials[PARTS];
-/* as the shader gets it */
-static struct scene_vertex_gpu gpu_vertices[VERTICES];
-static uint32_t gpu_indices[3 * TRIANGLES];
-static struct scene_instance_gpu gpu_instances[PARTS];
-static struct bvh_node gpu_nodes[NODES];
-static struct bvh_triangle gpu_triangles[TRIANGLES];
-
-static void add_quad(uint32_t part, struct vector o, struct vector u, struct vector v)
-{
-    uint32_t first = SPHERE_VERTICES + 4 * (part - 1), index = 3 * SPHERE_TRIANGLES + 6 * (part - 1);
-    struct vector n = vector_cross(u, v);
-    double length = sqrt(vector_dot(n, n));
-    for (int k = 0; k < 4; k++) {
-        double a = k == 1 || k == 2, b = k >= 2;
-        vertices[first + (uint32_t)k] = (struct scene_vertex){
-            .position = {(float)(o.x + a * u.x + b * v.x), (float)(o.y + a * u.y + b * v.y),
-                         (float)(o.z + a * u.z + b * v.z)},
-            .normal = {(float)(n.x / length), (float)(n.y / length), (float)(n.z / length)}};
-    }
-    const uint32_t corners[6] = {0, 1, 2, 0, 2, 3};
-    memcpy(indices + index, corners, sizeof corners);
-    meshes[part] = (struct scene_mesh){
-        .name = "quad", .first_vertex = first, .vertex_count = 4, .first_index = index, .triangle_count = 2};
-}
-
-static void make_meshes(void)
-{
-    for (uint32_t i = 0; i <= DOWN; i++)
-        for (uint32_t j = 0; j < AROUND; j++) {
-            double down = PI * i / DOWN, around = 2 * PI * j / AROUND;
-            struct vector n = {sin(down) * cos(around), cos(down), sin(down) * sin(around)};
-            vertices[i * AROUND + j] = (struct scene_vertex){.position = {(float)(sphere_center.x + n.x),
-                                                                          (float)(sphere_center.y + n.y),
-                                                                          (float)(sphere_center.z + n.z)},
-                                                             .normal = {(float)n.x, (float)n.y, (float)n.z}};
-        }
-    uint32_t count = 0;
-    for (uint32_t i = 0; i < DOWN; i++)
-        for (uint32_t j = 0; j < AROUND; j++) {
-            uint32_t a = i * AROUND + j, b = i * AROUND + (j + 1) % AROUND;
-            const uint32_t corners[6] = {a, b, a + AROUND, b, b + AROUND, a + AROUND};
-            memcpy(indices + count, corners, sizeof corners);
-            count += 6;
-        }
-    meshes[SPHERE] = (struct scene_mesh){
-        .name = "sphere", .vertex_count = SPHERE_VERTICES, .triangle_count = SPHERE_TRIANGLES};
-    add_quad(MIRROR, (struct vector){-3, -2, -3}, (struct vector){6, 0, 0.5}, (struct vector){0, 5, -0.3});
-    add_quad(FLOOR, (struct vector){-4, -2, 4}, (struct vector){8, 0, 0}, (struct vector){0, 0.1, -8});
-    add_quad(SHEET, (struct vector){2, -2, 3}, (struct vector){0.5, 0, -6}, (struct vector){-0.2, 4, 0});
-    add_quad(SLAB, (struct vector){-2.5, 2, -2.5}, (struct vector){0, 0, 5}, (struct vector){5, 0.2, 0});
-}
-
-/* The solid number of a part: shaders/media.glsl. */
-#define SOLID(part) ((part) + 1u)
-
-static void make_materials(void)
-{
-    for (uint32_t i = 0; i < PARTS; i++)
-        materials[i] = (struct material_gpu){.color_ior = {0.9f, 0.7f, 0.4f, 1.5f},
-                                             .color_first = NONE,
-                                             .emission_first = NONE,
-                                             .flags = SOLID(i) << 8 | i << 16};
-    materials[SPHERE].kind = KIND_DIELECTRIC;
-    materials[SPHERE].absorption = (vec4){0.1f, 0.3f, 1.2f, 0};
-    materials[MIRROR].kind = KIND_MIRROR;
-    materials[FLOOR].kind = KIND_DIFFUSE;
-    materials[SHEET].kind = KIND_THIN;
-    materials[SLAB].kind = KIND_DIELECTRIC; /* its upper side is air: rays from below are within */
-    materials[SLAB].color_ior.w = 1.33f;
-}
-
-static void make_trees(void)
-{
-    struct error error;
-    float boxes[PARTS][6];
-    uint32_t node = 2 * PARTS + 1, triangle = 0;
-    for (uint32_t i = 0; i < PARTS; i++) {
-        struct bvh *tree = bvh_create_mesh(&scene, i, &error);
-        assert_non_null(tree);
-        assert_true(node + tree->node_count <= NODES);
-        memcpy(gpu_nodes + node, tree->nodes, tree->node_count * sizeof *gpu_nodes);
-        memcpy(gpu_triangles + triangle, tree->triangles, tree->item_count * sizeof *gpu_triangles);
-        memcpy(boxes[i], tree->bounds_min, 3 * sizeof(float));
-        memcpy(boxes[i] + 3, tree->bounds_max, 3 * sizeof(float));
-        gpu_instances[i] = (struct scene_instance_gpu){
-            .to_world = {{1, 0, 0, 0}, {0, 1, 0, 0}, {0, 0, 1, 0}},
-            .to_object = {{1, 0, 0, 0}, {0, 1, 0, 0}, {0, 0, 1, 0}},
-            .first_index = meshes[i].first_index,
-            .material = i,
-            .bvh_root = node,
-            .bvh_triangle = triangle,
-        };
-        node += tree->node_count;
-        triangle += tree->item_count;
-        bvh_destroy(&tree);
-    }
-    struct bvh *top = bvh_create_boxes((const float(*)[6])boxes, PARTS, &error);
-    assert_non_null(top);
-    assert_true(top->node_count <= 2 * PARTS + 1);
-    memcpy(gpu_nodes, top->nodes, top->node_count * sizeof *gpu_nodes);
-    bvh_destroy(&top);
-    for (uint32_t i = 0; i < VERTICES; i++) {
-        const struct scene_vertex *v = &vertices[i];
-        gpu_vertices[i].position_u = (vec4){v->position[0], v->position[1], v->position[2], 0};
-        gpu_vertices[i].normal_v = (vec4){v->normal[0], v->normal[1], v->normal[2], 0};
-    }
-    for (uint32_t i = 0; i < PARTS; i++)
-        for (uint32_t k = 0; k < 3 * meshes[i].triangle_count; k++)
-            gpu_indices[meshes[i].first_index + k] =
-                indices[meshes[i].first_index + k] + meshes[i].first_vertex;
-}
-
 static int set_up(void **state)
 {
     (void)state;
     device = pass_device_create();
-    make_meshes();
-    make_materials();
-    make_trees();
+    model_make();
     return 0;
 }
 
@@ -158,134 +24,6 @@ static int tear_down(void **state)
     (void)state;
     pass_device_destroy(&device);
     return 0;
-}
-
-/* ---- the model ----------------------------------------------------------------------------------------- */
-
-static struct vector add(struct vector a, struct vector b, double scale)
-{
-    return (struct vector){a.x + scale * b.x, a.y + scale * b.y, a.z + scale * b.z};
-}
-
-static struct vector unit(struct vector a)
-{
-    return add((struct vector){0, 0, 0}, a, 1 / sqrt(vector_dot(a, a)));
-}
-
-static double size_of(struct vector a)
-{
-    return sqrt(vector_dot(a, a));
-}
-
-struct corner {
-    struct vector position, normal;
-};
-
-struct model_hit {
-    uint32_t part;
-    struct corner corners[3];
-    double t;
-    double border; /* distance of the nearest decision from the other way, relative */
-};
-
-static void fetch(uint32_t part, uint32_t triangle, struct corner corners[3])
-{
-    for (uint32_t k = 0; k < 3; k++) {
-        const struct scene_vertex *v =
-            &vertices[meshes[part].first_vertex + indices[meshes[part].first_index + 3 * triangle + k]];
-        corners[k].position =
-            (struct vector){(double)v->position[0], (double)v->position[1], (double)v->position[2]};
-        corners[k].normal = (struct vector){(double)v->normal[0], (double)v->normal[1], (double)v->normal[2]};
-    }
-}
-
-/* Where the ray meets the triangle's plane: distance, weights of the corners. */
-static double meet(const struct corner c[3], struct vector o, struct vector d, double weights[3])
-{
-    struct vector e1 = add(c[1].position, c[0].position, -1), e2 = add(c[2].position, c[0].position, -1);
-    struct vector n = vector_cross(e1, e2);
-    double t = vector_dot(add(c[0].position, o, -1), n) / vector_dot(d, n);
-    struct vector p = add(add(o, d, t), c[0].position, -1);
-    weights[1] = vector_dot(vector_cross(p, e2), n) / vector_dot(n, n);
-    weights[2] = vector_dot(vector_cross(e1, p), n) / vector_dot(n, n);
-    weights[0] = 1 - weights[1] - weights[2];
-    return t;
-}
-
-static bool trace(struct vector o, struct vector d, struct model_hit *hit)
-{
-    hit->t = 1e30;
-    hit->border = 1;
-    for (uint32_t part = 0; part < PARTS; part++)
-        for (uint32_t i = 0; i < meshes[part].triangle_count; i++) {
-            struct corner c[3];
-            double w[3];
-            fetch(part, i, c);
-            double t = meet(c, o, d, w);
-            double inside = fmin(w[0], fmin(w[1], w[2]));
-            if (!(t > 0) || inside < -1e-3)
-                continue;
-            hit->border = fmin(hit->border, fabs(inside));
-            hit->border = fmin(hit->border, fabs(t - hit->t));
-            if (inside >= 0 && t < hit->t) {
-                hit->t = t;
-                hit->part = part;
-                memcpy(hit->corners, c, sizeof c);
-            }
-        }
-    return hit->t < 1e30;
-}
-
-/* Position, and the way on, of a ray on the plane of `hit`. */
-enum way { WAY_REFLECT, WAY_REFRACT, WAY_STRAIGHT };
-
-struct turn {
-    struct vector position, direction, geometric, normal; /* normals oppose the ray */
-    double cos_i, cos_t;                                  /* cos_t 0: total reflection */
-};
-
-static struct turn turn_of(const struct model_hit *hit, struct vector o, struct vector d, enum way way)
-{
-    struct turn turn;
-    double w[3];
-    double t = meet(hit->corners, o, d, w);
-    turn.position = add(o, d, t);
-    struct vector n = {0, 0, 0}, e1 = add(hit->corners[1].position, hit->corners[0].position, -1),
-                  e2 = add(hit->corners[2].position, hit->corners[0].position, -1);
-    for (int k = 0; k < 3; k++)
-        n = add(n, hit->corners[k].normal, w[k]);
-    n = unit(n);
-    struct vector g = unit(vector_cross(e1, e2));
-    if (vector_dot(g, n) < 0)
-        g = add((struct vector){0, 0, 0}, g, -1);
-    bool front = vector_dot(g, d) < 0;
-    turn.geometric = add((struct vector){0, 0, 0}, g, front ? 1 : -1);
-    turn.normal = add((struct vector){0, 0, 0}, n, front ? 1 : -1);
-    double ior = (double)materials[hit->part].color_ior.w, ratio = front ? ior : 1 / ior;
-    turn.cos_i = -vector_dot(d, turn.normal);
-    double sin_i = sqrt(fmax(1 - turn.cos_i * turn.cos_i, 0)), sin_t = sin_i / ratio;
-    turn.cos_t = sin_t < 1 ? cos(asin(sin_t)) : 0;
-    /* along the surface, in the plane of incidence */
-    struct vector along = add(d, turn.normal, turn.cos_i);
-    if (way == WAY_REFLECT)
-        turn.direction = add(along, turn.normal, turn.cos_i);
-    else if (way == WAY_REFRACT)
-        turn.direction = add(add((struct vector){0, 0, 0}, along, 1 / ratio), turn.normal, -turn.cos_t);
-    else
-        turn.direction = d;
-    return turn;
-}
-
-/* Fresnel's reflectance by sines and tangents of the angles. */
-static double reflectance_of(double cos_i, double ratio)
-{
-    double i = acos(fmin(cos_i, 1)), sine = sin(i) / ratio;
-    if (sine >= 1)
-        return 1;
-    if (i < 1e-5)
-        return pow((ratio - 1) / (ratio + 1), 2);
-    double t = asin(sine), s = sin(i - t) / sin(i + t), p = tan(i - t) / tan(i + t);
-    return 0.5 * (s * s + p * p);
 }
 
 /* ---- running a bounce ---------------------------------------------------------------------------------- */
@@ -347,13 +85,13 @@ static void run_bounce(struct bounce *b)
             .split = b->rule,
             .has_push = true,
             .threads = b->count,
-            PASS_LISTS({BINDING_NODES, GPU_READ, gpu_nodes, sizeof gpu_nodes},
-                       {BINDING_TRIANGLES, GPU_READ, gpu_triangles, sizeof gpu_triangles},
+            PASS_LISTS({BINDING_NODES, GPU_READ, model_nodes, sizeof model_nodes},
+                       {BINDING_TRIANGLES, GPU_READ, model_triangles, sizeof model_triangles},
                        {BINDING_MORE_TRIANGLES, GPU_READ, NULL, 0},
-                       {BINDING_INSTANCES, GPU_READ, gpu_instances, sizeof gpu_instances},
-                       {BINDING_VERTICES, GPU_READ, gpu_vertices, sizeof gpu_vertices},
-                       {BINDING_INDICES, GPU_READ, gpu_indices, sizeof gpu_indices},
-                       {BINDING_MATERIALS, GPU_READ, materials, sizeof materials},
+                       {BINDING_INSTANCES, GPU_READ, model_instances, sizeof model_instances},
+                       {BINDING_VERTICES, GPU_READ, model_vertices, sizeof model_vertices},
+                       {BINDING_INDICES, GPU_READ, model_indices, sizeof model_indices},
+                       {BINDING_MATERIALS, GPU_READ, model_materials, sizeof model_materials},
                        {BINDING_TEXELS, GPU_READ, texels, sizeof texels},
                        {BINDING_FRAME, GPU_READ, &b->frame, sizeof b->frame},
                        {BINDING_PASS, GPU_READ_WRITE, &b->counters, sizeof b->counters},
@@ -408,9 +146,9 @@ static void fill_ray(struct photon_ray *r, struct vector o, struct vector d)
     struct vector p[2], turn[2];
     for (int k = 0; k < 2; k++) { /* of a beam: places across it, directions on the sphere */
         p[k] = anywhere(0.01);
-        p[k] = add(p[k], d, -vector_dot(p[k], d));
+        p[k] = model_add(p[k], d, -vector_dot(p[k], d));
         turn[k] = anywhere(0.01);
-        turn[k] = add(turn[k], d, -vector_dot(turn[k], d));
+        turn[k] = model_add(turn[k], d, -vector_dot(turn[k], d));
     }
     *r = (struct photon_ray){.origin = {(float)o.x, (float)o.y, (float)o.z, 1}, .state = 1};
     r->direction = (vec4){(float)d.x, (float)d.y, (float)d.z, 2};
@@ -419,8 +157,8 @@ static void fill_ray(struct photon_ray *r, struct vector o, struct vector d)
     r->cell = (uint32_t)between(0, 16);
     r->hash = (uint32_t)between(0, 4e9);
     write_differential(r, p, turn);
-    if (size_of(add(o, sphere_center, -1)) < 1)
-        r->medium = SOLID(SPHERE);
+    if (model_length(model_add(o, model_sphere_center, -1)) < 1)
+        r->medium = MODEL_SOLID(MODEL_SPHERE);
 }
 
 static void fill_rays(struct bounce *b)
@@ -429,10 +167,10 @@ static void fill_rays(struct bounce *b)
         struct vector o, d;
         double middle;
         do {
-            o = i % 3 == 0 ? add(sphere_center, anywhere(0.9), 1) : anywhere(3);
-            middle = size_of(add(o, sphere_center, -1));
+            o = i % 3 == 0 ? model_add(model_sphere_center, anywhere(0.9), 1) : anywhere(3);
+            middle = model_length(model_add(o, model_sphere_center, -1));
         } while (middle > 0.9 && middle < 1.1);
-        d = unit(add(anywhere(i % 2 ? 1 : 4), o, -1));
+        d = model_unit(model_add(anywhere(i % 2 ? 1 : 4), o, -1));
         fill_ray(&b->rays[i], o, d);
     }
 }
@@ -447,13 +185,14 @@ struct tally {
 /* One child against the model; `flux` is what it should carry, `spread` how far apart the photons of its
  * branch are. */
 static void check_child(const struct photon_ray *child, const struct photon_ray *parent,
-                        const struct model_hit *hit, enum way way, const double flux[3], double spread,
+                        const struct model_hit *hit, enum model_way way, const double flux[3], double spread,
                         struct tally *tally)
 {
-    struct vector o = vector_of(parent->origin), d = unit(vector_of(parent->direction));
-    struct turn turn = turn_of(hit, o, d, way);
-    tally->place = fmax(tally->place, size_of(add(vector_of(child->origin), turn.position, -1)));
-    tally->direction = fmax(tally->direction, size_of(add(vector_of(child->direction), turn.direction, -1)));
+    struct vector o = vector_of(parent->origin), d = model_unit(vector_of(parent->direction));
+    struct model_turn turn = model_turn_of(hit, o, d, way);
+    tally->place = fmax(tally->place, model_length(model_add(vector_of(child->origin), turn.position, -1)));
+    tally->direction =
+        fmax(tally->direction, model_length(model_add(vector_of(child->direction), turn.direction, -1)));
     const float found[3] = {child->flux.x, child->flux.y, child->flux.z};
     for (int k = 0; k < 3; k++)
         tally->flux = fmax(tally->flux, fabs((double)found[k] - flux[k]) / sum3(parent->flux));
@@ -465,17 +204,19 @@ static void check_child(const struct photon_ray *child, const struct photon_ray 
     for (int axis = 0; axis < 2; axis++) {
         const double step = 1e-4;
         struct vector p = read_p(parent, axis), change = read_d(parent, axis);
-        struct turn a = turn_of(hit, add(o, p, -step), unit(add(d, change, -step)), way);
-        struct turn b = turn_of(hit, add(o, p, step), unit(add(d, change, step)), way);
+        struct model_turn a =
+            model_turn_of(hit, model_add(o, p, -step), model_unit(model_add(d, change, -step)), way);
+        struct model_turn b =
+            model_turn_of(hit, model_add(o, p, step), model_unit(model_add(d, change, step)), way);
         struct vector p_expected =
-            add((struct vector){0, 0, 0}, add(b.position, a.position, -1), spread / (2 * step));
+            model_add((struct vector){0, 0, 0}, model_add(b.position, a.position, -1), spread / (2 * step));
         struct vector d_expected =
-            add((struct vector){0, 0, 0}, add(b.direction, a.direction, -1), spread / (2 * step));
-        double scale = size_of(p_expected) + size_of(d_expected);
-        tally->position_change =
-            fmax(tally->position_change, size_of(add(read_p(child, axis), p_expected, -1)) / scale);
-        tally->direction_change =
-            fmax(tally->direction_change, size_of(add(read_d(child, axis), d_expected, -1)) / scale);
+            model_add((struct vector){0, 0, 0}, model_add(b.direction, a.direction, -1), spread / (2 * step));
+        double scale = model_length(p_expected) + model_length(d_expected);
+        tally->position_change = fmax(tally->position_change,
+                                      model_length(model_add(read_p(child, axis), p_expected, -1)) / scale);
+        tally->direction_change = fmax(tally->direction_change,
+                                       model_length(model_add(read_d(child, axis), d_expected, -1)) / scale);
     }
 }
 
@@ -483,15 +224,16 @@ static void check_bounce(const struct bounce *b, struct tally *tally)
 {
     for (uint32_t i = 0; i < b->count; i++) {
         const struct photon_ray *ray = &b->before[i], *child = &b->children[2 * i];
-        struct vector o = vector_of(ray->origin), d = unit(vector_of(ray->direction));
+        struct vector o = vector_of(ray->origin), d = model_unit(vector_of(ray->direction));
         struct model_hit hit;
-        if (!trace(o, d, &hit)) {
+        if (!model_trace(o, d, &hit)) {
             tally->escaped++;
             assert_int_equal(b->outcomes[i], 0);
             continue;
         }
-        struct turn turn = turn_of(&hit, o, d, WAY_REFRACT), mirrored = turn_of(&hit, o, d, WAY_REFLECT);
-        bool is_dielectric = materials[hit.part].kind == KIND_DIELECTRIC;
+        struct model_turn turn = model_turn_of(&hit, o, d, MODEL_REFRACT),
+                          mirrored = model_turn_of(&hit, o, d, MODEL_REFLECT);
+        bool is_dielectric = model_materials[hit.part].kind == KIND_DIELECTRIC;
         /* grazing ways are another test's; here no decision may hang on rounding */
         if (hit.border < 1e-4 || turn.cos_i < 0.05 ||
             (is_dielectric && turn.cos_t > 0 && turn.cos_t < 0.05) ||
@@ -502,40 +244,41 @@ static void check_bounce(const struct bounce *b, struct tally *tally)
         }
         double flux[3] = {(double)ray->flux.x, (double)ray->flux.y, (double)ray->flux.z};
         if (ray->medium) {
-            const vec4 *a = &materials[ray->medium - SOLID(0)].absorption;
+            const vec4 *a = &model_materials[ray->medium - MODEL_SOLID(0)].absorption;
             flux[0] *= exp(-(double)a->x * hit.t);
             flux[1] *= exp(-(double)a->y * hit.t);
             flux[2] *= exp(-(double)a->z * hit.t);
         }
-        const vec4 *color = &materials[hit.part].color_ior;
+        const vec4 *color = &model_materials[hit.part].color_ior;
         const double base[3] = {(double)color->x, (double)color->y, (double)color->z};
-        if (hit.part == FLOOR) {
+        if (hit.part == MODEL_FLOOR) {
             tally->stored++;
             assert_int_equal(b->outcomes[i], OUTCOME_PHOTON);
             const struct photon_ray *photon = &b->rays[i];
-            assert_in_bound(size_of(add(vector_of(photon->origin), turn.position, -1)), 1e-5 * (1 + hit.t));
-            assert_in_bound(size_of(add(vector_of(photon->direction), turn.geometric, -1)), 1e-6);
+            assert_in_bound(model_length(model_add(vector_of(photon->origin), turn.position, -1)),
+                            1e-5 * (1 + hit.t));
+            assert_in_bound(model_length(model_add(vector_of(photon->direction), turn.geometric, -1)), 1e-6);
             assert_close((double)photon->flux.x, flux[0], 1e-5);
             continue;
         }
-        if (hit.part == MIRROR) {
+        if (hit.part == MODEL_MIRROR) {
             tally->mirrored++;
             double left[3], grazing = pow(1 - turn.cos_i, 5);
             for (int k = 0; k < 3; k++)
                 left[k] = flux[k] * (base[k] + (1 - base[k]) * grazing);
             assert_int_equal(b->outcomes[i], OUTCOME_CHILD0);
-            check_child(child, ray, &hit, WAY_REFLECT, left, 1, tally);
+            check_child(child, ray, &hit, MODEL_REFLECT, left, 1, tally);
             continue;
         }
         bool is_front = vector_dot(turn.normal, hit.corners[0].normal) > 0;
-        double ior = (double)color->w, reflectance = reflectance_of(turn.cos_i, is_front ? ior : 1 / ior);
-        enum way onward = WAY_REFRACT;
+        double ior = (double)color->w, reflectance = model_reflectance(turn.cos_i, is_front ? ior : 1 / ior);
+        enum model_way onward = MODEL_REFRACT;
         double through[3] = {flux[0], flux[1], flux[2]};
-        if (hit.part == SHEET) {
+        if (hit.part == MODEL_SHEET) {
             /* both faces, all reflections between them: R + T R T + T R^3 T + ... */
-            double r = reflectance_of(turn.cos_i, ior);
+            double r = model_reflectance(turn.cos_i, ior);
             reflectance = r + (1 - r) * (1 - r) * r / (1 - r * r);
-            onward = WAY_STRAIGHT;
+            onward = MODEL_STRAIGHT;
             for (int k = 0; k < 3; k++)
                 through[k] *= base[k];
         }
@@ -548,15 +291,15 @@ static void check_bounce(const struct bounce *b, struct tally *tally)
             tally->total++;
             assert_int_equal(b->outcomes[i], OUTCOME_CHILD0);
             assert_int_equal(child->medium, ray->medium);
-            check_child(child, ray, &hit, WAY_REFLECT, flux, 1, tally);
+            check_child(child, ray, &hit, MODEL_REFLECT, flux, 1, tally);
         } else if (b->outcomes[i] == (OUTCOME_CHILD0 | OUTCOME_CHILD1)) {
             tally->split++;
-            if (onward == WAY_REFRACT)
-                assert_int_equal(child->medium, is_front ? SOLID(hit.part) : 0);
+            if (onward == MODEL_REFRACT)
+                assert_int_equal(child->medium, is_front ? MODEL_SOLID(hit.part) : 0);
             assert_int_equal(child[1].medium, ray->medium);
             assert_int_equal(child->state >> 8 & 15, (ray->state >> 8 & 15) + 1);
             check_child(child, ray, &hit, onward, refracted, 1, tally);
-            check_child(child + 1, ray, &hit, WAY_REFLECT, reflected, 1, tally);
+            check_child(child + 1, ray, &hit, MODEL_REFLECT, reflected, 1, tally);
         } else {
             /* one way at random: all of the flux, photons further apart by the root of its probability */
             tally->chosen++;
@@ -568,8 +311,8 @@ static void check_bounce(const struct bounce *b, struct tally *tally)
             if (b->rule == SPLIT_ENERGY_RULE) /* only where the other way hardly matters */
                 assert_in_bound(fmin(reflectance, 1 - reflectance) * (flux[0] + flux[1] + flux[2]),
                                 0.011 * (double)ray->flux.w);
-            check_child(child, ray, &hit, is_reflected ? WAY_REFLECT : onward, is_reflected ? flux : through,
-                        1 / sqrt(chance), tally);
+            check_child(child, ray, &hit, is_reflected ? MODEL_REFLECT : onward,
+                        is_reflected ? flux : through, 1 / sqrt(chance), tally);
         }
     }
     print_message("%u split, %u chosen (%u reflected), %u totally reflected, %u mirrored, %u stored, %u "
@@ -645,15 +388,16 @@ static void roulette_is_fair(void **state)
     double mean = 0, variance = 0;
     for (uint32_t i = 0; i < b.count; i++) {
         struct model_hit hit;
-        struct vector o = vector_of(b.before[i].origin), d = unit(vector_of(b.before[i].direction));
-        if (!trace(o, d, &hit) || hit.border < 1e-4 || materials[hit.part].kind != KIND_DIELECTRIC)
+        struct vector o = vector_of(b.before[i].origin), d = model_unit(vector_of(b.before[i].direction));
+        if (!model_trace(o, d, &hit) || hit.border < 1e-4 ||
+            model_materials[hit.part].kind != KIND_DIELECTRIC)
             continue;
-        struct turn turn = turn_of(&hit, o, d, WAY_REFLECT);
+        struct model_turn turn = model_turn_of(&hit, o, d, MODEL_REFLECT);
         if (turn.cos_i < 0.05)
             continue;
         bool is_front = vector_dot(turn.normal, hit.corners[0].normal) > 0;
-        double ior = (double)materials[hit.part].color_ior.w,
-               r = reflectance_of(turn.cos_i, is_front ? ior : 1 / ior);
+        double ior = (double)model_materials[hit.part].color_ior.w,
+               r = model_reflectance(turn.cos_i, is_front ? ior : 1 / ior);
         bool is_reflected = vector_dot(vector_of(b.children[2 * i].direction), turn.geometric) > 0;
         mean += is_reflected - r;
         variance += r * (1 - r);
@@ -681,10 +425,11 @@ static void split_once_says_what_it_loses(void **state)
     uint32_t counts[3] = {0};
     for (uint32_t i = 0; i < b.count; i++) {
         struct model_hit hit;
-        struct vector o = vector_of(b.before[i].origin), d = unit(vector_of(b.before[i].direction));
-        if (!trace(o, d, &hit) || hit.border < 1e-4 || materials[hit.part].kind != KIND_DIELECTRIC)
+        struct vector o = vector_of(b.before[i].origin), d = model_unit(vector_of(b.before[i].direction));
+        if (!model_trace(o, d, &hit) || hit.border < 1e-4 ||
+            model_materials[hit.part].kind != KIND_DIELECTRIC)
             continue;
-        struct turn turn = turn_of(&hit, o, d, WAY_REFRACT);
+        struct model_turn turn = model_turn_of(&hit, o, d, MODEL_REFRACT);
         if (turn.cos_i < 0.05 || turn.cos_t < 0.05)
             continue;
         uint32_t history = i % 2 == 0 ? 0 : i % 4 == 1 ? 1 : 2;
@@ -709,17 +454,17 @@ static void thinned_branches_are_carried_by_one(void **state)
             b.thinning[i] = step;
         for (uint32_t i = 0; i < b.count; i++) {
             random_state = 15; /* the same ray, at every place of the lattice */
-            fill_ray(&b.rays[i], (struct vector){0.1, 4, 0.2}, unit((struct vector){0.3, -1, 0.1}));
+            fill_ray(&b.rays[i], (struct vector){0.1, 4, 0.2}, model_unit((struct vector){0.3, -1, 0.1}));
             b.rays[i].flux.w = (float)sum3(b.rays[i].flux);
             b.rays[i].state |= (i & 3) << 14 | (i >> 2) << 16;
         }
         run_bounce(&b);
         check_ledger(&b);
         struct model_hit hit;
-        struct vector o = vector_of(b.before[0].origin), d = unit(vector_of(b.before[0].direction));
-        assert_true(trace(o, d, &hit) && hit.part == SLAB);
-        double r =
-            reflectance_of(turn_of(&hit, o, d, WAY_REFLECT).cos_i, (double)materials[SLAB].color_ior.w);
+        struct vector o = vector_of(b.before[0].origin), d = model_unit(vector_of(b.before[0].direction));
+        assert_true(model_trace(o, d, &hit) && hit.part == MODEL_SLAB);
+        double r = model_reflectance(model_turn_of(&hit, o, d, MODEL_REFLECT).cos_i,
+                                     (double)model_materials[MODEL_SLAB].color_ior.w);
         double weak = 0, strong = 0, area = 0;
         for (uint32_t i = 0; i < b.count; i++) {
             bool carries = (i & 3) % step == 0 && (i >> 2) % step == 0;
@@ -729,12 +474,13 @@ static void thinned_branches_are_carried_by_one(void **state)
                 continue;
             const struct photon_ray *child = &b.children[2 * i + 1];
             weak += sum3(child->flux);
-            area += size_of(vector_cross(read_p(child, 0), read_p(child, 1)));
+            area += model_length(vector_cross(read_p(child, 0), read_p(child, 1)));
             struct vector main_u = read_p(&b.children[2 * i], 0);
-            assert_close(size_of(read_p(child, 0)), step * size_of(main_u), 1e-5 * size_of(main_u));
+            assert_close(model_length(read_p(child, 0)), step * model_length(main_u),
+                         1e-5 * model_length(main_u));
         }
         double whole = 16 * sum3(b.before[0].flux),
-               one = size_of(vector_cross(read_p(&b.children[0], 0), read_p(&b.children[0], 1)));
+               one = model_length(vector_cross(read_p(&b.children[0], 0), read_p(&b.children[0], 1)));
         assert_close(weak, whole * r, 1e-5 * whole);
         assert_close(strong, whole * (1 - r), 1e-5 * whole);
         assert_close(area, 16 * one, 1e-4 * one); /* their footprints still tile the beam */
@@ -781,16 +527,17 @@ static void grazing_exit_stays_finite(void **state)
     struct bounce b = bounce_of(256);
     b.rule = SPLIT_ONCE_RULE; /* follows the way out, little as it carries */
     random_state = 17;
-    struct corner c[3];
-    fetch(SLAB, 0, c);
-    struct vector n = c[0].normal, along = unit(add(c[1].position, c[0].position, -1));
+    struct model_corner c[3];
+    model_fetch(MODEL_SLAB, 0, c);
+    struct vector n = c[0].normal, along = model_unit(model_add(c[1].position, c[0].position, -1));
     struct vector o = {0, 1.2, 0};
-    if (vector_dot(add(c[0].position, o, -1), n) < 0)
-        n = add((struct vector){0, 0, 0}, n, -1);
+    if (vector_dot(model_add(c[0].position, o, -1), n) < 0)
+        n = model_add((struct vector){0, 0, 0}, n, -1);
     for (uint32_t i = 0; i < b.count; i++) {
-        double sine = (1 + ((int)i - 128) * 2e-8) / (double)materials[SLAB].color_ior.w;
-        fill_ray(&b.rays[i], o, add(add((struct vector){0, 0, 0}, along, sine), n, sqrt(1 - sine * sine)));
-        b.rays[i].medium = SOLID(SLAB);
+        double sine = (1 + ((int)i - 128) * 2e-8) / (double)model_materials[MODEL_SLAB].color_ior.w;
+        fill_ray(&b.rays[i], o,
+                 model_add(model_add((struct vector){0, 0, 0}, along, sine), n, sqrt(1 - sine * sine)));
+        b.rays[i].medium = MODEL_SOLID(MODEL_SLAB);
     }
     run_bounce(&b);
     uint32_t out = 0, total = 0;
@@ -802,7 +549,7 @@ static void grazing_exit_stays_finite(void **state)
             const float *values = &child->origin.x;
             for (int j = 0; j < 24; j++)
                 assert_true(isfinite(values[j]));
-            assert_close(size_of(vector_of(child->direction)), 1, 1e-5);
+            assert_close(model_length(vector_of(child->direction)), 1, 1e-5);
             out += child->medium == 0;
             total += child->medium != 0;
         }
