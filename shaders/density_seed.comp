@@ -13,13 +13,30 @@ layout(local_size_x = GROUP_SIZE) in;
 layout(std430, binding = BINDING_PASS + 2) readonly buffer old_buffer { float old_density[]; };
 layout(std430, binding = BINDING_PASS + 3) writeonly buffer density_buffer { float density[]; };
 
+// The last frame's tile of a light that had this place of its unit square: the smallest that holds it.
+uint old_tile_at(uint light, vec2 uv)
+{
+    uint found = NONE;
+    float smallest = 2.0;
+    for (uint i = 0u; i < frame.old_part_count; i++) {
+        vec4 part = lights[i].old_part;
+        vec2 at = uv - part.xy;
+        float area = part.z * part.w;
+        if (lights[i].old_light != light || any(lessThan(at, vec2(0.0))) || any(greaterThanEqual(at, part.zw)) || area >= smallest)
+            continue;
+        found = i;
+        smallest = area;
+    }
+    return found;
+}
+
 void main()
 {
     uint cell = gl_GlobalInvocationID.x;
     if (cell >= cell_count())
         return;
     uint light_index = cell_light(cell);
-    if (light_index >= frame.light_count || mask[cell] == 0u) {
+    if (light_index >= frame.part_count || mask[cell] == 0u) {
         density[cell] = 0.0;
         return;
     }
@@ -30,6 +47,8 @@ void main()
         value = old_density[cell];
         if (light.changed != 0u) {
             vec2 uv = (vec2(cell_place(cell)) + 0.5) / float(frame.cells);
+            if (has(FEATURE_INSETS))
+                uv = light.part.xy + uv * light.part.zw;
             vec2 old_uv = vec2(-1.0);
             float measure = light.tile_origin.w / light.old_origin.w;
             if (light.map == TILE_RECT) {
@@ -48,9 +67,21 @@ void main()
                     old_uv = concentric_inverse(across > 0.0 ? local.xy * (rho / across) : vec2(0.0));
                 }
             }
-            if (all(greaterThanEqual(old_uv, vec2(0.0))) && all(lessThan(old_uv, vec2(1.0)))) {
-                uint old_cell = (light_index << (2u * frame.tile_levels)) + morton_encode(uvec2(old_uv * float(frame.cells)));
+            uint old_tile = light_index;
+            if (has(FEATURE_INSETS)) {
+                old_tile = old_tile_at(light.part_light, old_uv);
+                if (old_tile != NONE) {
+                    vec4 old_part = lights[old_tile].old_part;
+                    old_uv = (old_uv - old_part.xy) / old_part.zw;
+                    measure *= light.part.z * light.part.w / (old_part.z * old_part.w);
+                }
+            }
+            if (old_tile != NONE && all(greaterThanEqual(old_uv, vec2(0.0))) && all(lessThan(old_uv, vec2(1.0)))) {
+                uint old_cell = (old_tile << (2u * frame.tile_levels)) + morton_encode(uvec2(old_uv * float(frame.cells)));
                 value = old_density[old_cell] * measure;
+                // the cells that were there saw next to nothing of a new inset: an even share of the budget
+                if (has(FEATURE_INSETS) && measure < 0.25)
+                    value = max(value, float(frame.photon_budget) / float((frame.part_count << (2u * frame.tile_levels))));
             } else
                 value = float(frame.min_samples);
         }

@@ -237,6 +237,23 @@ float emitter_widening(light_gpu light, float d)
     return abs(asin(min(radius / max(d, 1e-30), 1.0)) - asin(radius / light.emitter_x.w));
 }
 
+// ---- tiles and their cells ----
+
+// How much of a rectangle of the light's unit square belongs to insets of this tile.
+float inset_share(light_gpu light, uint tile, vec2 corner, vec2 size)
+{
+    float share = 0.0;
+    for (uint i = frame.light_count, left = light.part_insets; i < frame.part_count && left > 0u; i++) {
+        if (lights[i].part_parent != tile)
+            continue;
+        vec4 part = lights[i].part;
+        vec2 covered = clamp((part.xy + part.zw - corner) / size, 0.0, 1.0) - clamp((part.xy - corner) / size, 0.0, 1.0);
+        share += covered.x * covered.y;
+        left--;
+    }
+    return share;
+}
+
 // Cells are numbered along a Morton curve, tile after tile.
 uint morton_encode(uvec2 p)
 {

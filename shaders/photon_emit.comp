@@ -48,6 +48,31 @@ float leave_emitter(light_gpu light, uvec2 lattice, vec2 place, inout emission e
     return weight;
 }
 
+// The part of a stratum that insets of its tile do not cover. A place in one of them moves to the widest strip beside it.
+float leave_insets(light_gpu light, uint tile, vec2 corner, vec2 size, vec2 place, inout vec2 uv)
+{
+    if (light.part_insets == 0u)
+        return 1.0;
+    float kept = 1.0 - inset_share(light, tile, corner, size);
+    if (kept < 1e-5)
+        return 0.0;
+    for (uint pass = 0u; pass < 2u; pass++)
+        for (uint i = frame.light_count; i < frame.part_count; i++) {
+            vec4 part = lights[i].part;
+            vec2 at = uv - part.xy;
+            if (lights[i].part_parent != tile || any(lessThan(at, vec2(0.0))) || any(greaterThan(at, part.zw)))
+                continue;
+            if (pass == 1u)
+                return 0.0; // many insets in one stratum
+            vec2 below = max(part.xy - corner, vec2(0.0)) / size, above = max(corner + size - part.xy - part.zw, vec2(0.0)) / size;
+            vec2 strip = max(below, above);
+            uint axis = strip.x >= strip.y ? 0u : 1u;
+            uv[axis] = corner[axis] + size[axis] * (below[axis] >= above[axis] ? below[axis] * place[axis]
+                                                                               : 1.0 - above[axis] * place[axis]);
+        }
+    return kept;
+}
+
 void main()
 {
     uint task = gl_GlobalInvocationID.x;
@@ -83,7 +108,14 @@ void main()
             turn = uvec2(hash_word(frame.subframe ^ frame.seed), hash_word(frame.subframe + 0x9e37u));
         uvec2 lattice = cell_place(node) * strata + at + turn;
         vec2 size = 1.0 / (float(frame.cells) * vec2(strata)); // of a stratum
-        vec2 uv = vec2(cell_place(node)) / float(frame.cells) + (vec2(at) + place) * size;
+        vec2 corner = vec2(cell_place(node)) / float(frame.cells), uv = corner + (vec2(at) + place) * size;
+        float kept = 1.0; // of the stratum, by its tile
+        if (has(FEATURE_INSETS)) {
+            corner = light.part.xy + (corner + vec2(at) * size) * light.part.zw;
+            uv = light.part.xy + uv * light.part.zw;
+            size *= light.part.zw;
+            kept = leave_insets(light, cell_light(node), corner, size, place, uv);
+        }
         emission e = light_emit(light, uv);
 
         float weight;
@@ -102,6 +134,8 @@ void main()
             lattice /= light.emitter_side;
         } else
             weight = light_falloff(light, e.direction);
+        if (has(FEATURE_INSETS))
+            weight *= kept;
         SPREAD_STORE(spreads, task, spread);
         lattice &= 3u;
         float share = weight * light.tile_origin.w * size.x * size.y;

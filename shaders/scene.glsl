@@ -143,8 +143,7 @@ vec3 offset_origin(vec3 p, vec3 normal)
 {
     float origin_limit = frame.offset_scale / 32.0;
     float float_scale = frame.offset_scale / 65536.0;
-    const float int_scale = 256.0;
-    ivec3 steps = ivec3(int_scale * normal);
+    ivec3 steps = ivec3(frame.offset_steps * normal);
     vec3 moved = vec3(intBitsToFloat(floatBitsToInt(p.x) + (p.x < 0.0 ? -steps.x : steps.x)),
                       intBitsToFloat(floatBitsToInt(p.y) + (p.y < 0.0 ? -steps.y : steps.y)),
                       intBitsToFloat(floatBitsToInt(p.z) + (p.z < 0.0 ? -steps.z : steps.z)));

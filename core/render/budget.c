@@ -27,7 +27,8 @@ const char *budget_reason_against(const struct view *view, const struct plan *pl
 /* Every cell keeps its samples, whatever the time. */
 static double budget_least(const struct view *view)
 {
-    double kept = (double)view->min_samples * view->features.lit_count * view->cells * view->cells;
+    uint32_t tiles = view->features.lit_count + view->part_count - view->features.light_count;
+    double kept = (double)view->min_samples * tiles * view->cells * view->cells;
     return fmin(fmax(kept, view->renderer->limits.min_photons), budget_most(view));
 }
 

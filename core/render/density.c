@@ -19,7 +19,7 @@ static enum view_buffer density_before(const struct view *view)
 bool density_prepare(struct view *view)
 {
     size_t cells = cell_total(view);
-    return view_buffer(view, BUFFER_BOXES, MAX_CASTER_BOXES * sizeof(struct caster_box)) &&
+    return view_buffer(view, BUFFER_BOXES, 2 * MAX_CASTER_BOXES * sizeof(struct caster_box)) &&
            view_buffer(view, BUFFER_MASK, cells * sizeof(uint32_t)) &&
            view_buffer(view, BUFFER_DENSITY, cells * sizeof(float)) &&
            view_buffer(view, BUFFER_DENSITY_OTHER, cells * sizeof(float)) &&
@@ -94,7 +94,9 @@ void density_record(struct view *view, struct gpu_frame *frame)
                             0, cells * sizeof(float));
     }
     if (view->mask_is_stale) {
-        gpu_record_upload(frame, view->buffers[BUFFER_BOXES], 0, renderer->caster_boxes,
+        size_t casters = renderer->caster_count * sizeof(struct caster_box);
+        gpu_record_upload(frame, view->buffers[BUFFER_BOXES], 0, renderer->casters, casters);
+        gpu_record_upload(frame, view->buffers[BUFFER_BOXES], casters, renderer->caster_boxes,
                           renderer->caster_box_count * sizeof(struct caster_box));
         view_dispatch(view, frame,
                       &(struct view_dispatch){.shader = "caster_mask.comp",

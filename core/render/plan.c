@@ -48,6 +48,13 @@ void plan_make(const struct view *view, const struct features *features, uint32_
          features->caster_count == 0 ? "nothing refracts or mirrors"
                                      : "neither beauty, indirect, normal nor albedo is requested");
     line(plan, "density", plan->has_photons, "photons are emitted by the task buffers", no_photons);
+    line(plan, "insets", plan->has_photons && (bits & FEATURE_INSETS),
+         "a caster is small in its light's tile: around it are cells of its own",
+         !plan->has_photons                   ? no_photons
+         : view->insets_are_full              ? "the budget has no room for more tiles"
+         : settings->tile != TILE_FIT_CASTERS ? "tile=full"
+         : view->renderer->caster_count < 2   ? "there is one caster: tiles are fitted to it"
+                                              : "every caster has enough cells of its light's tile");
     line(plan, "photons", plan->has_photons, "the scene has lights, casters and receivers", no_photons);
     line(plan, "splat", plan->has_photons, "photons are drawn into the view", no_photons);
     line(plan, "multisampled quads", plan->has_quads,

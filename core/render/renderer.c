@@ -46,6 +46,8 @@ void renderer_destroy(struct renderer **renderer)
     free(r->tree_node);
     free(r->tree_triangle);
     free(r->mesh_boxes);
+    free(r->mesh_islands);
+    free(r->casters);
     free(r->mesh_first_box);
     free(r->mesh_box_count);
     free(r->instance_data);
@@ -167,6 +169,41 @@ static bool is_caster_mesh(const struct scene *scene, uint32_t mesh)
     return scene->materials[scene->meshes[mesh].material].kind != MATERIAL_DIFFUSE;
 }
 
+/* Orders boxes by island: those that touch, directly or through others, hold one connected surface and get
+ * one number. A mesh may hold many glasses that lie far apart. */
+static void boxes_by_island(float (*boxes)[6], uint32_t *islands, uint32_t count)
+{
+    float all[BOXES_PER_CASTER][6];
+    uint32_t number_of[BOXES_PER_CASTER], reached[BOXES_PER_CASTER], sorted = 0, number = 0;
+    memcpy(all, boxes, count * sizeof *boxes);
+    for (uint32_t i = 0; i < count; i++)
+        number_of[i] = SCENE_NONE;
+    for (uint32_t first = 0; first < count; first++) {
+        if (number_of[first] != SCENE_NONE)
+            continue;
+        uint32_t end = 0;
+        reached[end++] = first;
+        number_of[first] = number;
+        for (uint32_t at = 0; at < end; at++) {
+            const float *a = all[reached[at]];
+            for (uint32_t i = 0; i < count; i++) {
+                const float *b = all[i];
+                if (number_of[i] == SCENE_NONE && a[0] <= b[3] && b[0] <= a[3] && a[1] <= b[4] &&
+                    b[1] <= a[4] && a[2] <= b[5] && b[2] <= a[5]) {
+                    number_of[i] = number;
+                    reached[end++] = i;
+                }
+            }
+        }
+        for (uint32_t i = first; i < count; i++)
+            if (number_of[i] == number) {
+                memcpy(boxes[sorted], all[i], sizeof *boxes);
+                islands[sorted++] = number;
+            }
+        number++;
+    }
+}
+
 /* Trees of all meshes for the bvh tracer; of casters only, for their bounds, when the device traces itself.
  */
 static bool build_trees(struct renderer *r, struct error *error)
@@ -177,10 +214,11 @@ static bool build_trees(struct renderer *r, struct error *error)
     r->tree_node = calloc(count + 1, sizeof *r->tree_node);
     r->tree_triangle = calloc(count + 1, sizeof *r->tree_triangle);
     r->mesh_boxes = calloc((size_t)(count + 1) * BOXES_PER_CASTER, sizeof *r->mesh_boxes);
+    r->mesh_islands = calloc((size_t)(count + 1) * BOXES_PER_CASTER, sizeof *r->mesh_islands);
     r->mesh_first_box = calloc(count + 1, sizeof *r->mesh_first_box);
     r->mesh_box_count = calloc(count + 1, sizeof *r->mesh_box_count);
-    if (!r->trees || !r->tree_node || !r->tree_triangle || !r->mesh_boxes || !r->mesh_first_box ||
-        !r->mesh_box_count)
+    if (!r->trees || !r->tree_node || !r->tree_triangle || !r->mesh_boxes || !r->mesh_islands ||
+        !r->mesh_first_box || !r->mesh_box_count)
         return error_set(error, STATUS_MEMORY, "out of memory for the trees of %u meshes", count);
     uint32_t casters = 0;
     for (uint32_t i = 0; i < scene->instance_count; i++)
@@ -201,6 +239,7 @@ static bool build_trees(struct renderer *r, struct error *error)
         if (is_caster_mesh(scene, m)) {
             r->mesh_first_box[m] = boxes;
             r->mesh_box_count[m] = bvh_frontier(r->trees[m], r->mesh_boxes + boxes, share);
+            boxes_by_island(r->mesh_boxes + boxes, r->mesh_islands + boxes, r->mesh_box_count[m]);
             boxes += r->mesh_box_count[m];
         }
     }
@@ -348,14 +387,15 @@ struct renderer *renderer_create(const struct renderer_params *params, struct er
     r->top_node_capacity = 2 * scene->instance_count + 2;
     r->instance_data = calloc(scene->instance_count + 1, sizeof *r->instance_data);
     r->caster_boxes = calloc(MAX_CASTER_BOXES, sizeof *r->caster_boxes);
+    r->casters = calloc(MAX_CASTER_BOXES, sizeof *r->casters);
     r->pose = scene_extent_find(scene, &r->extent, error) ? scene_pose_create(scene, error) : NULL;
     if (r->pose) {
         scene_pose_set_origin(r->pose, r->extent.origin);
         scene_pose_set_time(scene, r->pose, 0);
     }
-    if (!r->instance_data || !r->caster_boxes)
+    if (!r->instance_data || !r->caster_boxes || !r->casters)
         error_set(error, STATUS_MEMORY, "out of memory for %u instances", scene->instance_count);
-    if (!r->pose || !r->instance_data || !r->caster_boxes || !upload_vertices(r, error) ||
+    if (!r->pose || !r->instance_data || !r->caster_boxes || !r->casters || !upload_vertices(r, error) ||
         !build_trees(r, error) ||
         !solids_find(&r->solids, scene, r->pose, r->trees, r->extent.scale, error) ||
         !upload_materials(r, error) ||
@@ -423,6 +463,22 @@ static void invert_affine(const float m[12], float out[12])
     }
 }
 
+static void add_caster_box(struct renderer *r, const float low[3], const float high[3], bool begins_caster)
+{
+    if (begins_caster)
+        r->casters[r->caster_count++] = (struct caster_box){
+            {low[0], low[1], low[2], (float)r->caster_box_count}, {high[0], high[1], high[2], 0}};
+    struct caster_box *caster = &r->casters[r->caster_count - 1];
+    float *minimum = &caster->minimum.x, *maximum = &caster->maximum.x;
+    for (int k = 0; k < 3; k++) {
+        minimum[k] = fminf(minimum[k], low[k]);
+        maximum[k] = fmaxf(maximum[k], high[k]);
+    }
+    caster->maximum.w++;
+    r->caster_boxes[r->caster_box_count++] =
+        (struct caster_box){{low[0], low[1], low[2], 0}, {high[0], high[1], high[2], 0}};
+}
+
 bool renderer_set_time(struct renderer *r, double time, struct error *error)
 {
     (void)error;
@@ -439,7 +495,7 @@ bool renderer_set_time(struct renderer *r, double time, struct error *error)
         r->scene_min[k] = INFINITY;
         r->scene_max[k] = -INFINITY;
     }
-    r->caster_box_count = 0;
+    r->caster_box_count = r->caster_count = 0;
     for (uint32_t i = 0; i < scene->instance_count; i++) {
         const float *m = r->pose->instance_to_world[i];
         uint32_t mesh = scene->instances[i].mesh;
@@ -460,12 +516,12 @@ bool renderer_set_time(struct renderer *r, double time, struct error *error)
         }
         if (!is_caster_mesh(scene, mesh))
             continue;
+        uint32_t first = r->mesh_first_box[mesh];
         for (uint32_t b = 0; b < r->mesh_box_count[mesh] && r->caster_box_count < MAX_CASTER_BOXES; b++) {
-            const float *box = r->mesh_boxes[r->mesh_first_box[mesh] + b];
+            const float *box = r->mesh_boxes[first + b];
             transform_box(m, box, box + 3, low, high);
-            struct caster_box *target = &r->caster_boxes[r->caster_box_count++];
-            target->minimum = (vec4){low[0], low[1], low[2], 0};
-            target->maximum = (vec4){high[0], high[1], high[2], 0};
+            add_caster_box(r, low, high,
+                           b == 0 || r->mesh_islands[first + b] != r->mesh_islands[first + b - 1]);
         }
     }
     return true;

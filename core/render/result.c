@@ -56,6 +56,7 @@ void result_add_counters(struct view *view, double weight)
     for (int i = 0; i < FATE_COUNT; i++)
         stats[fluxes[i]] += fixed_value(counters, i, (double)view->data.flux_unit) *
                             (i == FATE_THINNED_IN ? -weight : weight);
+    stats[STAT_tiles] = view->part_count;
     stats[STAT_cells_masked] = counters->count[COUNT_CELLS];
     stats[STAT_density_total] = (double)counters->density_total;
     stats[STAT_density_largest] = (double)counters->density_largest;
@@ -99,16 +100,16 @@ static void unroll_atlas(const struct view *view, const float *cells, float *ima
 {
     uint32_t side = view->cells, width = columns * side;
     memset(image, 0, (size_t)width * rows * side * sizeof *image);
-    for (uint32_t light = 0; light < view->features.light_count; light++)
+    for (uint32_t part = 0; part < view->part_count; part++)
         for (uint32_t i = 0; i < side * side; i++) {
             uint32_t x = 0, y = 0;
             for (uint32_t bit = 0; bit < 16; bit++) {
                 x |= ((i >> (2 * bit)) & 1) << bit;
                 y |= ((i >> (2 * bit + 1)) & 1) << bit;
             }
-            x += light % columns * side;
-            y += light / columns * side;
-            image[(size_t)y * width + x] = cells[(size_t)light * side * side + i];
+            x += part % columns * side;
+            y += part / columns * side;
+            image[(size_t)y * width + x] = cells[(size_t)part * side * side + i];
         }
 }
 
@@ -129,10 +130,10 @@ bool result_collect_channels(struct view *view, struct error *error)
         }
     }
     uint32_t columns = 1;
-    while (columns * columns < view->features.light_count)
+    while (columns * columns < view->part_count)
         columns *= 2;
     uint32_t rows = columns;
-    while (rows > 1 && (rows / 2) * columns >= view->features.light_count)
+    while (rows > 1 && (rows / 2) * columns >= view->part_count)
         rows /= 2;
     uint32_t side = view->plan.has_photons ? view->cells : 1;
     size_t cells = (size_t)columns * rows * side * side;

@@ -47,6 +47,8 @@
     S(lookup_limited, "count", "footprints, walks and chain points limited by the lookup grid")              \
     S(density_total, "count", "sum of the density over all cells before rounding")                           \
     S(density_largest, "count", "density of the densest cell")                                               \
+    S(tiles, "count",                                                                                        \
+      "tiles of all lights, insets around casters that are small in their light's tile included")            \
     S(cells_masked, "count", "cells that can meet a caster")                                                 \
     S(guard_density, "count", "non-finite or out-of-range densities clamped")                                \
     S(guard_differential, "count", "photon differentials clamped at a singular configuration")               \

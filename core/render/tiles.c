@@ -280,25 +280,63 @@ static float reference_irradiance(const struct view *view, const struct light_gp
     return light->intensity.w / fmaxf(fmaxf(nearest, size2 / (32 * 32)), 1e-12f);
 }
 
+static vec4 place_in_square(const struct tile_part *part)
+{
+    return (vec4){part->low[0], part->low[1], part->high[0] - part->low[0], part->high[1] - part->low[1]};
+}
+
+/* Chooses insets anew where what they were chosen for has changed. */
+static void update_insets(struct view *view, bool moved)
+{
+    const struct settings *settings = &view->settings;
+    struct insets_key key;
+    memset(&key, 0, sizeof key);
+    key.pose = view->renderer->pose_version;
+    key.photons = budget_most(view);
+    key.lit_count = view->features.lit_count;
+    key.min_samples = settings->min_samples;
+    key.cells = settings->cells;
+    key.fit = settings->tile;
+    if (view->insets_are_full)
+        memcpy(key.eye, view->camera.eye, sizeof key.eye);
+    if (moved || memcmp(&key, &view->insets_key, sizeof key) != 0)
+        insets_choose(view);
+    view->insets_key = key;
+}
+
+/* Shape of the task buffers; a change of it, or of the rule, starts them anew. */
+static void shape_task_buffers(struct view *view, uint32_t old_cells)
+{
+    uint32_t slots = 1;
+    while (slots < view->part_count)
+        slots *= 4;
+    if (view->cells != old_cells || slots != view->tile_slots ||
+        view->density_rule != (uint32_t)view->settings.density)
+        view->has_density = view->has_feedback = false;
+    view->tile_slots = slots;
+    view->density_rule = (uint32_t)view->settings.density;
+}
+
 void tiles_update(struct view *view)
 {
     struct renderer *renderer = view->renderer;
     uint32_t count = view->features.light_count;
     view->lights_shrunk = 0;
-    float flux = 0, reference = 0;
-    bool changed = !view->has_density || view->tiles_pose != renderer->pose_version;
+    float flux = 0, reference = 0, smallest = 1;
+    bool changed = view->tiles_pose != renderer->pose_version;
+    bool has_moved[SCENE_MAX_LIGHTS], is_same[SCENE_MAX_LIGHTS];
     for (uint32_t i = 0; i < count; i++) {
         struct light_gpu *light = &view->lights[i], before = *light;
         struct light_tile *tile = &view->tiles[i], old = *tile;
         view->lights_shrunk += describe_light(view, i, light) ? 0 : 1;
-        bool has_moved = memcmp(&before.position, &light->position, 2 * sizeof(vec4)) != 0;
+        has_moved[i] = memcmp(&before.position, &light->position, 2 * sizeof(vec4)) != 0;
         light->medium = before.medium;
         if (light->type != LIGHT_TYPE_DIRECTIONAL &&
-            (has_moved || !old.is_valid || view->tiles_pose != renderer->pose_version))
+            (has_moved[i] || !old.is_valid || view->tiles_pose != renderer->pose_version))
             light->medium =
                 solids_at(&renderer->solids, renderer->scene, renderer->pose, renderer->trees,
                           (const float[3]){light->position.x, light->position.y, light->position.z});
-        changed |= has_moved || memcmp(&before.emitter_x, &light->emitter_x, 2 * sizeof(vec4)) != 0 ||
+        changed |= has_moved[i] || memcmp(&before.emitter_x, &light->emitter_x, 2 * sizeof(vec4)) != 0 ||
                    (before.intensity.w > 0) != (light->intensity.w > 0);
         if (light->type == LIGHT_TYPE_DIRECTIONAL)
             fit_beam(view, light, tile);
@@ -308,11 +346,9 @@ void tiles_update(struct view *view)
         float key[14], old_key[14];
         size_t key_size = map_key(tile, key) * sizeof(float);
         map_key(&old, old_key);
-        bool is_same = old.is_valid && memcmp(key, old_key, key_size) == 0;
-        changed |= !is_same;
-        light->has_previous = view->has_density && old.is_valid;
-        /* A tile that follows its moving light keeps its densities by place: they go with the caster. */
-        light->changed = light->has_previous && !is_same && !has_moved && old.map == tile->map;
+        is_same[i] = old.is_valid && memcmp(key, old_key, key_size) == 0;
+        changed |= !is_same[i];
+        light->has_previous = old.is_valid;
         light->map = tile->map;
         put_vec4(&light->tile_x, tile->x, tile->half[0]);
         put_vec4(&light->tile_y, tile->y, tile->half[1]);
@@ -326,11 +362,62 @@ void tiles_update(struct view *view)
         flux += light->intensity.w * tile->measure;
         reference = fmaxf(reference, reference_irradiance(view, light));
     }
-    view->mask_is_stale = changed;
+
+    struct tile_part old_parts[TILES_MAX];
+    uint32_t old_count = view->part_count, old_cells = view->cells;
+    memcpy(old_parts, view->parts, sizeof old_parts);
+    if (view->features.needs_caustics) {
+        update_insets(view, changed);
+        shape_task_buffers(view, old_cells);
+    }
+    /* what became of the parts of every light: shifted, or only moved with their casters */
+    bool parts_differ[SCENE_MAX_LIGHTS] = {false}, parts_move[SCENE_MAX_LIGHTS] = {false};
+    for (uint32_t i = 0; i < view->part_count || i < old_count; i++) {
+        const struct tile_part *part = &view->parts[i], *old = &old_parts[i];
+        bool is_new = i < view->part_count, was_there = i < old_count;
+        bool differs = !is_new || !was_there || part->light != old->light || part->parent != old->parent;
+        bool moves = !differs && (memcmp(part->low, old->low, sizeof part->low) != 0 ||
+                                  memcmp(part->high, old->high, sizeof part->high) != 0);
+        if (is_new) {
+            parts_differ[part->light] |= differs;
+            parts_move[part->light] |= moves;
+            smallest = fminf(smallest, (part->high[0] - part->low[0]) * (part->high[1] - part->low[1]));
+        }
+        if (was_there)
+            parts_differ[old->light] |= differs;
+        changed |= differs || moves;
+    }
+    for (uint32_t i = 0; i < count; i++) {
+        struct light_gpu *light = &view->lights[i];
+        light->has_previous = light->has_previous && view->has_density;
+        /* A tile that follows its moving light keeps its densities by place: they go with the caster. */
+        light->changed = light->has_previous && light->old_map == light->map &&
+                         (parts_differ[i] || (!has_moved[i] && (!is_same[i] || parts_move[i])));
+    }
+    view->old_part_count = old_count;
+    for (uint32_t i = 0; i < view->part_count || i < old_count; i++) {
+        struct light_gpu *light = &view->lights[i];
+        if (i < view->part_count) {
+            const struct tile_part *part = &view->parts[i];
+            if (i >= count)
+                *light = view->lights[part->light];
+            light->part = place_in_square(part);
+            light->part_light = part->light;
+            light->part_parent = part->parent;
+        }
+        light->part_insets = 0;
+        light->old_part = place_in_square(&old_parts[i]);
+        light->old_light = i < old_count ? old_parts[i].light : NONE;
+    }
+    for (uint32_t i = count; i < view->part_count; i++)
+        view->lights[view->parts[i].parent].part_insets++;
+    view->features.bits |= view->features.needs_caustics && view->part_count > count ? FEATURE_INSETS : 0;
+    view->mask_is_stale = changed || !view->has_density;
     view->tiles_pose = renderer->pose_version;
+
     struct frame_gpu *data = &view->data;
-    data->flux_unit = fmaxf(flux, 1e-30f) * 0x1p-40f;
+    data->flux_unit = fmaxf(flux, 1e-30f) * fmaxf(smallest, 0x1p-16f) * 0x1p-40f;
     data->irradiance_unit = fmaxf(reference, 1e-30f) * 0x1p-26f;
-    data->cell_flux = fmaxf(flux, 1e-30f) /
+    data->cell_flux = fmaxf(flux, 1e-30f) * fmaxf(smallest, 1e-8f) /
                       (fmaxf((float)view->features.lit_count, 1) * (float)(view->cells * view->cells));
 }

@@ -227,7 +227,7 @@ struct view *view_create(struct renderer *renderer, uint32_t width, uint32_t hei
     if (view) {
         view->light_changes = calloc(lights + 1, sizeof *view->light_changes);
         view->tiles = calloc(lights + 1, sizeof *view->tiles);
-        view->lights = calloc(lights + 1, sizeof *view->lights);
+        view->lights = calloc(TILES_MAX, sizeof *view->lights);
     }
     if (!view || !view->light_changes || !view->tiles || !view->lights) {
         error_set(error, STATUS_MEMORY, "out of memory for a view");
@@ -511,20 +511,6 @@ static void fill_camera(struct view *view, struct frame_gpu *data, uint32_t subf
     c[14] = near * far / (near - far);
 }
 
-/* Cells a side of every lit light's tile, and the least samples of each, so that what is kept everywhere
- * takes at most a quarter of the budget and the rest can go where it shows. On `sphere` with 32,768 photons
- * tiles of 128 cells, half the budget, had an error of 0.0167 and those of 64 cells 0.0125. */
-static uint32_t cells_within_budget(const struct view *view, uint32_t *min_samples)
-{
-    uint32_t cells = emitter_cells(view), photons = budget_most(view);
-    uint32_t lights = view->features.lit_count;
-    uint64_t least = (uint64_t)view->settings.min_samples * lights;
-    while (cells > 1 && 4 * least * cells * cells > photons)
-        cells /= 2;
-    *min_samples = least * cells * cells > photons ? photons / lights : (uint32_t)view->settings.min_samples;
-    return cells;
-}
-
 /* Whether the task buffers have had the time to settle since anything changed: four time constants of their
  * update. The samples of the last frame are still in the quadtree then. */
 static bool is_at_rest(const struct view *view)
@@ -552,6 +538,8 @@ static void fill_frame(struct view *view, uint32_t subframe, uint32_t subframe_c
     while ((1u << data->tile_levels) < view->cells)
         data->tile_levels++;
     data->tile_slots = view->tile_slots;
+    data->part_count = view->part_count;
+    data->old_part_count = view->old_part_count;
     data->seed = (uint32_t)s->seed;
     data->subframe = subframe;
     budget_fill(view, data);
@@ -566,7 +554,7 @@ static void fill_frame(struct view *view, uint32_t subframe, uint32_t subframe_c
                   (is_at_rest(view) && !jitters ? FLAG_HOLD : 0);
     if (s->jitter)
         data->seed ^= (uint32_t)view->frame * 0x9e3779b9u;
-    data->caster_box_count = view->renderer->caster_box_count;
+    data->caster_count = view->renderer->caster_count;
     data->min_samples = view->min_samples;
     data->variance_gain = s->variance_gain;
     data->temporal_weight = s->temporal_weight;
@@ -579,6 +567,7 @@ static void fill_frame(struct view *view, uint32_t subframe, uint32_t subframe_c
     data->msaa_threshold = s->msaa_threshold;
     data->subframe_weight = 1.0f / (float)subframe_count;
     data->offset_scale = (float)view->renderer->extent.scale;
+    data->offset_steps = (float)view->renderer->extent.steps;
     if (view->eye_pose != view->renderer->pose_version ||
         memcmp(&data->eye, &view->last_data.eye, 3 * sizeof(float)) != 0)
         data->eye_medium = solids_at(&view->renderer->solids, view->renderer->scene, view->renderer->pose,
@@ -596,12 +585,19 @@ static void fill_frame(struct view *view, uint32_t subframe, uint32_t subframe_c
     }
 }
 
+/* Of the list of lights on the device: one per part, now or in the last frame. */
+static uint32_t light_entries(const struct view *view)
+{
+    uint32_t parts = view->part_count > view->old_part_count ? view->part_count : view->old_part_count;
+    return parts > view->features.light_count ? parts : view->features.light_count;
+}
+
 static bool prepare(struct view *view)
 {
     memset(view->asked, 0, sizeof view->asked);
     const struct plan *plan = &view->plan;
     bool ok = view_buffer(view, BUFFER_FRAME, sizeof(struct frame_gpu)) &&
-              view_buffer(view, BUFFER_LIGHTS, (view->features.light_count + 1) * sizeof(struct light_gpu));
+              view_buffer(view, BUFFER_LIGHTS, (light_entries(view) + 1) * sizeof(struct light_gpu));
     if (ok && plan->has_gbuffer)
         ok = gbuffer_prepare(view);
     if (ok && plan->has_photons)
@@ -631,9 +627,9 @@ static void record(struct view *view, struct gpu_frame *frame, bool is_last)
 {
     const struct plan *plan = &view->plan;
     gpu_record_upload(frame, view->buffers[BUFFER_FRAME], 0, &view->data, sizeof view->data);
-    if (view->features.light_count > 0)
+    if (light_entries(view) > 0)
         gpu_record_upload(frame, view->buffers[BUFFER_LIGHTS], 0, view->lights,
-                          view->features.light_count * sizeof *view->lights);
+                          light_entries(view) * sizeof *view->lights);
     if (plan->has_gbuffer)
         gbuffer_record(view, frame);
     if (plan->has_photons) {
@@ -668,23 +664,6 @@ static void record(struct view *view, struct gpu_frame *frame, bool is_last)
     }
 }
 
-/* Shape of the task buffers; a change of it, or of the rule, starts them anew. */
-static void shape_task_buffers(struct view *view)
-{
-    uint32_t cells = cells_within_budget(view, &view->min_samples), slots = 1;
-    while (slots < view->features.light_count)
-        slots *= 4;
-    if (cells == view->cells && slots == view->tile_slots &&
-        view->density_rule == (uint32_t)view->settings.density)
-        return;
-    view->cells = cells;
-    view->tile_slots = slots;
-    view->density_rule = (uint32_t)view->settings.density;
-    view->has_density = view->has_feedback = false;
-    for (uint32_t i = 0; i < view->features.light_count; i++)
-        view->tiles[i].is_valid = false;
-}
-
 const struct frame_result *view_render(struct view *view, uint32_t channel_mask, struct error *error)
 {
     struct renderer *renderer = view->renderer;
@@ -707,11 +686,11 @@ const struct frame_result *view_render(struct view *view, uint32_t channel_mask,
         camera_of_scene(renderer, view->follow_camera, &view->camera);
     view->channel_mask = channel_mask;
     features_find(view, channel_mask, &view->features);
+    tiles_update(view);
     plan_make(view, &view->features, channel_mask, &view->plan);
-    if (view->plan.has_photons)
-        shape_task_buffers(view);
     bool works = view->plan.has_gbuffer || view->plan.has_photons;
     if (works && !prepare(view)) {
+        view->has_density = view->has_feedback = false;
         *error = view->error;
         return NULL;
     }
@@ -732,7 +711,7 @@ const struct frame_result *view_render(struct view *view, uint32_t channel_mask,
         fill_camera(view, &view->data, 0);
     for (uint32_t subframe = 0; works && subframe < subframes; subframe++) {
         uint64_t start = now_ns();
-        if (view->plan.has_photons || view->plan.has_gbuffer)
+        if (subframe > 0)
             tiles_update(view);
         fill_frame(view, subframe, subframes);
         struct gpu_frame *frame = gpu_frame_begin(renderer->gpu, error);

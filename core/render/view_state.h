@@ -20,6 +20,7 @@
 
 #define RENDERER_MAX_PIPELINES 256u
 #define MAX_CASTER_BOXES       4096u
+#define TILES_MAX              64u /* of all lights, insets included; at least one for each of SCENE_MAX_LIGHTS */
 
 /* Room per photon of the budget. Half of the rays of a glass scene end at every bounce and the others split:
  * four slots a photon let all of them split (measured on `sphere`, `square`, `cornell`); beyond it they
@@ -53,7 +54,8 @@ struct renderer {
     uint32_t *tree_node, *tree_triangle; /* where a mesh's tree starts in `nodes` and `triangles` */
     struct solids solids;
     struct scene_extent extent; /* positions are relative to its origin, here and on the device */
-    float (*mesh_boxes)[6];     /* per mesh: frontier boxes of caster meshes, object space */
+    float (*mesh_boxes)[6]; /* per mesh: frontier boxes of caster meshes, object space, island after island */
+    uint32_t *mesh_islands; /* per box: number of its island, see boxes_by_island */
     uint32_t *mesh_first_box, *mesh_box_count;
 
     struct scene_pose *pose;
@@ -63,8 +65,10 @@ struct renderer {
     uint64_t uploaded_version; /* pose_version that the device has */
     struct scene_instance_gpu *instance_data;
     float scene_min[3], scene_max[3]; /* at the current pose */
-    struct caster_box *caster_boxes;
+    struct caster_box *caster_boxes;  /* what their parts lie in */
     uint32_t caster_box_count;
+    struct caster_box *casters; /* things that cast: instances, or islands of one */
+    uint32_t caster_count;
 
     struct renderer_pipeline pipelines[RENDERER_MAX_PIPELINES];
     uint32_t pipeline_count;
@@ -184,6 +188,14 @@ struct light_tile {
     bool is_valid;
 };
 
+/* A rectangle of a light's unit square that has cells of its own: the whole square, or an inset (insets.c).
+ */
+struct tile_part {
+    uint32_t light, parent; /* parent: the part that it is an inset of; NONE: it is the whole */
+    float low[2], high[2];  /* in the light's unit square */
+    float least[2];         /* an inset: sides of the narrowest caster it is for */
+};
+
 struct view {
     struct renderer *renderer;
     uint32_t width, height;
@@ -211,15 +223,23 @@ struct view {
     uint64_t history_pose; /* pose_version that it was made at */
     uint32_t still_frames; /* since anything was changed about the view */
     uint32_t density_rule;
-    struct light_tile *tiles; /* per light */
-    uint64_t tiles_pose;      /* pose_version they were fitted to */
-    uint32_t tiles_key;       /* hash of light state and settings they were fitted to */
+    struct light_tile *tiles;          /* per light */
+    struct tile_part parts[TILES_MAX]; /* of the tiles: the whole of each light's, then insets */
+    uint32_t part_count, old_part_count;
+    bool insets_are_full; /* some caster should have one and has not */
+    struct insets_key {
+        uint64_t pose;
+        uint32_t photons, lit_count;
+        int32_t min_samples, cells, fit;
+        float eye[3];    /* while insets are full */
+    } insets_key;        /* what they were chosen for */
+    uint64_t tiles_pose; /* pose_version they were fitted to */
     bool mask_is_stale;
     uint64_t eye_pose; /* pose_version that data.eye_medium belongs to */
     struct soft_choice soft;
     struct governor governor; /* of budget_ms */
     uint32_t lights_shrunk;   /* emitters with a caster within them, drawn smaller */
-    struct light_gpu *lights;
+    struct light_gpu *lights; /* per part, those of lights first */
     struct frame_gpu data;
     struct frame_gpu last_data;
 
@@ -284,8 +304,14 @@ void budget_fill(struct view *view, struct frame_gpu *data);
 /* After it: what it took, and what that makes of the next. */
 void budget_measure(struct view *view, uint64_t elapsed_ns);
 
-/* tiles.c: fits light tiles to casters; fills view->lights. */
+/* tiles.c: fits light tiles to casters and shapes the task buffers; fills view->lights. Before buffers are
+ * asked for, and again for every further subframe. */
 void tiles_update(struct view *view);
+
+/* insets.c: which parts of the fitted tiles have cells of their own (view->parts), how many cells
+ * (view->cells) and how many samples each of them keeps at least (view->min_samples). Needs view->lights and
+ * view->tiles. */
+void insets_choose(struct view *view);
 
 /* emitter.c: lights with a size. `emitter_fit` describes one to the shaders, given position, direction and
  * type; false when its casters are so near that it had to shrink. */

@@ -41,8 +41,8 @@ static double coarseness_of(const struct scene_mesh *mesh, const struct box *box
                             const struct scene_extent *extent)
 {
     double size = half_size(box->min, box->max);
-    double step =
-        fmax(farthest(box->min, box->max, extent->origin) * EXTENT_STEP, EXTENT_STEP_MIN * extent->scale);
+    double step = fmax(farthest(box->min, box->max, extent->origin) * extent->steps * 0x1p-23,
+                       EXTENT_STEP_MIN * extent->scale);
     double own_min[3], own_max[3];
     for (int k = 0; k < 3; k++) {
         own_min[k] = (double)mesh->bounds_min[k];
@@ -53,9 +53,26 @@ static double coarseness_of(const struct scene_mesh *mesh, const struct box *box
     return size > 0 && own_size > 0 ? fmax(step / size, rounding / own_size) : 0;
 }
 
+static void find_coarsest(const struct scene *scene, const struct scene_pose *pose,
+                          struct scene_extent *extent)
+{
+    extent->coarseness = 0;
+    for (uint32_t i = 0; i < scene->instance_count; i++) {
+        const struct scene_mesh *mesh = &scene->meshes[scene->instances[i].mesh];
+        if (scene->materials[mesh->material].kind == MATERIAL_DIFFUSE)
+            continue;
+        struct box box = box_of(mesh, pose->instance_to_world[i]);
+        double coarseness = coarseness_of(mesh, &box, extent);
+        if (coarseness > extent->coarseness) {
+            extent->coarseness = coarseness;
+            extent->coarsest = i;
+        }
+    }
+}
+
 bool scene_extent_find(const struct scene *scene, struct scene_extent *extent, struct error *error)
 {
-    *extent = (struct scene_extent){.scale = 1};
+    *extent = (struct scene_extent){.scale = 1, .steps = EXTENT_STEPS};
     struct scene_pose *pose = scene_pose_create(scene, error);
     if (!pose)
         return false;
@@ -79,16 +96,10 @@ bool scene_extent_find(const struct scene *scene, struct scene_extent *extent, s
             for (int k = 0; k < 3; k++)
                 extent->origin[k] = grid * nearbyint(middle[k] / grid);
     }
-    for (uint32_t i = 0; i < scene->instance_count; i++) {
-        const struct scene_mesh *mesh = &scene->meshes[scene->instances[i].mesh];
-        if (scene->materials[mesh->material].kind == MATERIAL_DIFFUSE)
-            continue;
-        struct box box = box_of(mesh, pose->instance_to_world[i]);
-        double coarseness = coarseness_of(mesh, &box, extent);
-        if (coarseness > extent->coarseness) {
-            extent->coarseness = coarseness;
-            extent->coarsest = i;
-        }
+    find_coarsest(scene, pose, extent);
+    if (extent->coarseness > EXTENT_COARSE) {
+        extent->steps = EXTENT_STEPS_FINE;
+        find_coarsest(scene, pose, extent);
     }
     scene_pose_destroy(&pose);
     return true;

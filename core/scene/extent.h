@@ -14,13 +14,20 @@
 #define EXTENT_STEP     0x1p-15
 #define EXTENT_STEP_MIN 0x1p-16
 
-/* That step over the half size of the coarsest caster, above which a picture shows it. */
+/* In floats: a coordinate's 2^-23. The first leaves room for all errors of a hit that were ever seen, the
+ * second for those of its own arithmetic, about four. */
+#define EXTENT_STEPS      256
+#define EXTENT_STEPS_FINE 8
+
+/* That step over the half size of the coarsest caster, above which a picture shows it. Then rays are kept off
+ * surfaces by EXTENT_STEPS_FINE. */
 #define EXTENT_COARSE 0.01
 
 struct scene_extent {
     double origin[3];
     double scale;      /* of EXTENT_STEP_MIN: a power of two, 1 for scenes of 1 to 128 m */
-    double coarseness; /* as EXTENT_COARSE; 0 without casters */
+    double steps;      /* EXTENT_STEPS, or EXTENT_STEPS_FINE where a caster is coarse with those */
+    double coarseness; /* as EXTENT_COARSE, with these steps; 0 without casters */
     uint32_t coarsest; /* that caster's instance */
 };
 

@@ -30,6 +30,7 @@
 #define FEATURE_BEAUTY        (1u << 12) /* somebody asked for direct light */
 #define FEATURE_TEXTURED_FLUX (1u << 13) /* photons carry the albedo they meet: aa=pixel */
 #define FEATURE_CHAINS        (1u << 14) /* somebody looks through glass and mirrors */
+#define FEATURE_INSETS        (1u << 15) /* some light has more than one tile */
 #define FEATURE_SOFT          (1u << 20) /* some light is a sphere, disk or rectangle */
 #define FEATURE_ROUGH         (1u << 21) /* some caster is not polished */
 #define FEATURE_DISPERSION    (1u << 22) /* some glass refracts colours differently */
@@ -106,6 +107,8 @@ SHARED_SIZE(material_gpu, 80);
 #define TILE_SPHERE 1 /* equal-area octahedron */
 #define TILE_RECT   2 /* rectangle across a directional light's beam */
 
+/* One for each tile: the list holds every light with its whole tile first, and then lights again with their
+ * insets. */
 struct light_gpu {
     vec4 position;    /* w: 1 - cosine of the spot's outer cone, which keeps the digits of a narrow one */
     vec4 direction;   /* way the light travels; w: 1 - cosine of the inner cone */
@@ -126,13 +129,19 @@ struct light_gpu {
                           differentials */
     vec4 emitter_x;    /* half axis, m; w: pivot distance, m */
     vec4 emitter_y;    /* half axis, m; w: radius of the whole about the position, m */
+    vec4 part;         /* which part of the light's unit square this tile is: corner, sides */
+    uint part_light;   /* whose part: its number in the list */
+    uint part_parent;  /* tile that it is an inset of; NONE: it is the whole square */
+    uint part_insets;  /* how many it has itself */
+    uint old_light; /* the tile of this number in the last frame: whose part it was; NONE: there was none */
+    vec4 old_part;  /* and which */
 };
-SHARED_SIZE(light_gpu, 240);
+SHARED_SIZE(light_gpu, 288);
 
-/* A world box that holds part of a caster. */
+/* A world box that holds a caster, or part of one. */
 struct caster_box {
-    vec4 minimum;
-    vec4 maximum;
+    vec4 minimum; /* of a whole caster; w: number of the first box of its parts */
+    vec4 maximum; /* w: how many there are */
 };
 
 /* ---- the view's frame ---------------------------------------------------------------------------------- */
@@ -154,7 +163,7 @@ struct frame_gpu {
     uint tile_slots;                        /* tiles in the atlas, a power of four */
     uint seed, subframe;
     uint photon_budget, ray_capacity, photon_capacity, max_bounces;
-    uint camera_bounces, flags, caster_box_count, min_samples;
+    uint camera_bounces, flags, caster_count, min_samples;
     float target_area, variance_gain, temporal_weight, cull_energy;
     float cull_magnification, kappa, max_anisotropy, max_radius;
     float filter_radius, flux_unit, irradiance_unit, subframe_weight;
@@ -166,8 +175,11 @@ struct frame_gpu {
     float lookup_filter;  /* support radius of the pixel filter at chain points, px */
     uint lookup_slots;    /* of the grid, a power of two */
     uint camera_branches; /* chain points per pixel */
+    uint part_count, old_part_count; /* tiles, insets included; of the last frame */
+    float offset_steps; /* struct scene_extent: how many floats rays are kept off surfaces elsewhere */
+    uint pad0;
 };
-SHARED_SIZE(frame_gpu, 368);
+SHARED_SIZE(frame_gpu, 384);
 
 #define FLAG_JITTER           (1u << 0)
 #define FLAG_CASTER_MASK      (1u << 1)

@@ -233,7 +233,7 @@ static void a_caster_appears(void **state)
     } cases[] = {{"a ball of 1 m appears", 0.5, 8192, 0.03},
                  {"the same, 1,024 photons", 0.5, 1024, 0.1},
                  {"a ball of 20 cm appears", 0.1, 8192, 0.1},
-                 {"a ball of 6 cm appears", 0.03, 32768, 0.3}};
+                 {"a ball of 6 cm appears", 0.03, 32768, 0.06}};
     for (size_t i = 0; i < COUNT_OF(cases); i++) {
         struct truth stage;
         struct error error;

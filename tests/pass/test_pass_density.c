@@ -58,6 +58,7 @@ static struct task_buffers *buffers_of(uint32_t cells, uint32_t slots, uint32_t 
     b->frame = (struct frame_gpu){.cells = cells,
                                   .tile_slots = slots,
                                   .light_count = lights,
+                                  .part_count = lights,
                                   .photon_budget = 131072,
                                   .ray_capacity = 4 * 131072,
                                   .photon_capacity = 5 * 131072,

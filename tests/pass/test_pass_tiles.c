@@ -71,11 +71,13 @@ struct emission {
     double ledger; /* W, of the shader */
 };
 
-/* Emits sides[i]^2 photons from cell i of the light's tile. */
-static struct emission emit(const struct light_gpu *light, uint32_t cells, const uint32_t *sides)
+/* Emits sides[i]^2 photons from cell i of the light's tiles: one, or four as `tiles`. */
+static struct emission emit_tiles(const struct light_gpu *light, uint32_t tiles, uint32_t cells,
+                                  const uint32_t *sides)
 {
-    uint32_t total = cells * cells;
-    struct frame_gpu frame = {.cells = cells, .tile_slots = 1, .light_count = 1, .seed = 1};
+    uint32_t total = tiles * cells * cells;
+    struct frame_gpu frame = {
+        .cells = cells, .tile_slots = tiles, .light_count = 1, .part_count = tiles, .seed = 1};
     while (1u << frame.tile_levels < cells)
         frame.tile_levels++;
     double most = (double)light->intensity.w * (double)light->tile_origin.w;
@@ -90,18 +92,19 @@ static struct emission emit(const struct light_gpu *light, uint32_t cells, const
     uint32_t *queue = calloc(e.count, sizeof *queue);
     assert_true(e.rays && queue);
     struct counters_gpu counters = {.task_count = e.count};
-    pass_device_run(
-        device, &(struct pass_run){.shader = "photon_emit.comp",
-                                   .features = FEATURE_POINT | FEATURE_SPOT | FEATURE_DIRECTIONAL,
-                                   .threads = e.count,
-                                   PASS_LISTS({BINDING_FRAME, GPU_READ, &frame, sizeof frame},
-                                              {BINDING_LIGHTS, GPU_READ, (void *)light, sizeof *light},
-                                              {BINDING_PASS, GPU_READ_WRITE, &counters, sizeof counters},
-                                              {BINDING_PASS + 1, GPU_READ, tree, pass_tree_size(total) * 4},
-                                              {BINDING_PASS + 2, GPU_WRITE, e.rays, e.count * sizeof *e.rays},
-                                              {BINDING_PASS + 3, GPU_WRITE, queue, e.count * 4},
-                                              {BINDING_PASS + 4, GPU_WRITE, NULL, 0},
-                                              {BINDING_PASS + 5, GPU_READ, (void *)sides, total * 4})});
+    pass_device_run(device, &(struct pass_run){
+                                .shader = "photon_emit.comp",
+                                .features = FEATURE_POINT | FEATURE_SPOT | FEATURE_DIRECTIONAL |
+                                            (tiles > 1 ? FEATURE_INSETS : 0),
+                                .threads = e.count,
+                                PASS_LISTS({BINDING_FRAME, GPU_READ, &frame, sizeof frame},
+                                           {BINDING_LIGHTS, GPU_READ, (void *)light, tiles * sizeof *light},
+                                           {BINDING_PASS, GPU_READ_WRITE, &counters, sizeof counters},
+                                           {BINDING_PASS + 1, GPU_READ, tree, pass_tree_size(total) * 4},
+                                           {BINDING_PASS + 2, GPU_WRITE, e.rays, e.count * sizeof *e.rays},
+                                           {BINDING_PASS + 3, GPU_WRITE, queue, e.count * 4},
+                                           {BINDING_PASS + 4, GPU_WRITE, NULL, 0},
+                                           {BINDING_PASS + 5, GPU_READ, (void *)sides, total * 4})});
     for (uint32_t i = 0; i < e.count; i++)
         assert_int_equal(queue[i], i);
     e.ledger = pass_fixed(counters.flux_low[FATE_EMITTED], counters.flux_high[FATE_EMITTED]) *
@@ -109,6 +112,11 @@ static struct emission emit(const struct light_gpu *light, uint32_t cells, const
     free(tree);
     free(queue);
     return e;
+}
+
+static struct emission emit(const struct light_gpu *light, uint32_t cells, const uint32_t *sides)
+{
+    return emit_tiles(light, 1, cells, sides);
 }
 
 static uint32_t *equal_sides(uint32_t cells, uint32_t side)
@@ -339,6 +347,88 @@ static void beams_cover_their_rectangle(void **state)
     free(e.rays);
 }
 
+/* ---- insets -------------------------------------------------------------------------------------------- */
+
+static bool is_in(const vec4 *part, double u, double v)
+{
+    double x = (u - (double)part->x) / (double)part->z, y = (v - (double)part->y) / (double)part->w;
+    return x > 1e-5 && x < 1 - 1e-5 && y > 1e-5 && y < 1 - 1e-5;
+}
+
+/* Two insets, one within the other, and one beside them, of any sizes: nothing is sent twice and nothing is
+ * left out, in the whole and in each of them; and what a tile leaves to its insets does not come from it. */
+static void insets_take_what_they_cover(void **state)
+{
+    (void)state;
+    enum { CELLS = 8, TILES = 4 };
+    const struct light_gpu tiles[] = {
+        beam_of((struct vector){0.2, -1, 0.4}, 1.5, 0.75),
+        light_of(LIGHT_TYPE_POINT, TILE_CAP, (struct vector){0.3, -0.8, 0.5}, 0.4),
+        light_of(LIGHT_TYPE_POINT, TILE_SPHERE, (struct vector){0.3, -0.8, 0.5}, PI)};
+    for (int map = 0; map < 3; map++) {
+        struct light_gpu lights[TILES];
+        for (uint32_t i = 0; i < TILES; i++) {
+            lights[i] = tiles[map];
+            lights[i].part_light = 0;
+        }
+        lights[0].part = (vec4){0, 0, 1, 1};
+        lights[1].part = (vec4){0.27f, 0.41f, 0.3f, 0.22f};
+        lights[2].part = (vec4){0.33f, 0.52f, 0.013f, 0.04f};
+        lights[3].part = (vec4){0.81f, 0.07f, 0.0021f, 0.0017f};
+        lights[0].part_parent = NONE;
+        lights[1].part_parent = lights[3].part_parent = 0;
+        lights[2].part_parent = 1;
+        lights[0].part_insets = 2;
+        lights[1].part_insets = 1;
+        uint64_t random = 3;
+        uint32_t sides[TILES * CELLS * CELLS];
+        for (int i = 0; i < TILES * CELLS * CELLS; i++)
+            sides[i] = 1 + (uint32_t)(pass_random(&random) * 5);
+        struct emission e = emit_tiles(lights, TILES, CELLS, sides);
+        const double total = 8.5 * (double)lights[0].tile_origin.w;
+        double fluxes[TILES] = {0}, expected[TILES], area[TILES];
+        uint32_t astray = 0;
+        for (uint32_t i = 0; i < TILES; i++)
+            expected[i] = area[i] = (double)lights[i].part.z * (double)lights[i].part.w;
+        for (uint32_t i = 1; i < TILES; i++)
+            expected[lights[i].part_parent] -= area[i];
+        for (uint32_t i = 0; i < e.count; i++) {
+            const struct photon_ray *ray = &e.rays[i];
+            uint32_t tile = ray->cell / (CELLS * CELLS);
+            fluxes[tile] += (double)ray->flux.w;
+            double u, v;
+            if (map == 0) {
+                struct vector from = vector_of(tiles[0].tile_origin), at = vector_of(ray->origin);
+                struct vector local =
+                    tile_to_local(&tiles[0], (struct vector){at.x - from.x, at.y - from.y, at.z - from.z});
+                u = 0.5 + 0.5 * local.x / (double)tiles[0].tile_x.w;
+                v = 0.5 + 0.5 * local.y / (double)tiles[0].tile_y.w;
+            } else if (map == 1)
+                cap_place(tile_to_local(&tiles[1], vector_of(ray->direction)), (double)tiles[1].tile_z.w, &u,
+                          &v);
+            else
+                octahedron_place(tile_to_local(&tiles[2], vector_of(ray->direction)), &u, &v);
+            const vec4 *part = &lights[tile].part;
+            const vec4 grown = {part->x - 1e-4f, part->y - 1e-4f, part->z + 2e-4f, part->w + 2e-4f};
+            astray += !is_in(&grown, u, v);
+            for (uint32_t k = 1; k < TILES; k++) {
+                const vec4 *inset = &lights[k].part;
+                const vec4 core = {inset->x + 1e-4f, inset->y + 1e-4f, inset->z - 2e-4f, inset->w - 2e-4f};
+                astray += lights[k].part_parent == tile && ray->flux.w > 0 && is_in(&core, u, v);
+            }
+        }
+        print_message("insets of a %s:", map == 0 ? "beam" : map == 1 ? "cap" : "sphere");
+        for (uint32_t i = 0; i < TILES; i++)
+            print_message(" %.6g of %.6g W", fluxes[i], expected[i] * total);
+        print_message(", %u astray\n", astray);
+        for (uint32_t i = 0; i < TILES; i++)
+            assert_close(fluxes[i], expected[i] * total, 1e-4 * area[i] * total);
+        assert_close(e.ledger, total, 1e-4 * total);
+        assert_int_equal(astray, 0);
+        free(e.rays);
+    }
+}
+
 /* ---- mask ---------------------------------------------------------------------------------------------- */
 
 static bool ray_meets(struct vector o, struct vector d, const struct caster_box *box)
@@ -389,23 +479,47 @@ static bool cell_meets(const struct light_gpu *light, uint32_t cells, uint32_t c
     return false;
 }
 
-static void fill_mask(const struct light_gpu *light, uint32_t cells, uint32_t flags, struct caster_box *boxes,
-                      uint32_t box_count, uint32_t *mask)
+/* The boxes as two casters: the first box, and the rest. */
+static void fill_mask(const struct light_gpu *light, uint32_t cells, uint32_t flags,
+                      const struct caster_box *boxes, uint32_t box_count, uint32_t *mask)
 {
+    enum { CASTERS = 2, MOST = 16 };
+    struct caster_box list[CASTERS + MOST];
+    assert_true(box_count >= CASTERS && box_count <= MOST);
+    for (uint32_t i = 0; i < box_count; i++) {
+        struct caster_box *caster = &list[i > 0];
+        list[CASTERS + i] = boxes[i];
+        if (i < CASTERS) {
+            *caster = boxes[i];
+            caster->minimum.w = (float)i;
+            caster->maximum.w = 0;
+        }
+        float *low = &caster->minimum.x, *high = &caster->maximum.x;
+        for (int k = 0; k < 3; k++) {
+            low[k] = fminf(low[k], (&boxes[i].minimum.x)[k]);
+            high[k] = fmaxf(high[k], (&boxes[i].maximum.x)[k]);
+        }
+        caster->maximum.w++;
+    }
     uint32_t total = 4 * cells * cells; /* one light in an atlas of four tiles */
-    struct frame_gpu frame = {
-        .cells = cells, .tile_slots = 4, .light_count = 1, .flags = flags, .caster_box_count = box_count};
+    struct frame_gpu frame = {.cells = cells,
+                              .tile_slots = 4,
+                              .light_count = 1,
+                              .part_count = 1,
+                              .flags = flags,
+                              .caster_count = CASTERS};
     while (1u << frame.tile_levels < cells)
         frame.tile_levels++;
     memset(mask, 0xee, total * sizeof *mask);
     pass_device_run(
-        device, &(struct pass_run){.shader = "caster_mask.comp",
-                                   .features = FEATURE_POINT | FEATURE_SPOT | FEATURE_DIRECTIONAL,
-                                   .threads = total,
-                                   PASS_LISTS({BINDING_FRAME, GPU_READ, &frame, sizeof frame},
-                                              {BINDING_LIGHTS, GPU_READ, (void *)light, sizeof *light},
-                                              {BINDING_PASS, GPU_READ, boxes, box_count * sizeof *boxes},
-                                              {BINDING_PASS + 1, GPU_WRITE, mask, total * sizeof *mask})});
+        device,
+        &(struct pass_run){.shader = "caster_mask.comp",
+                           .features = FEATURE_POINT | FEATURE_SPOT | FEATURE_DIRECTIONAL,
+                           .threads = total,
+                           PASS_LISTS({BINDING_FRAME, GPU_READ, &frame, sizeof frame},
+                                      {BINDING_LIGHTS, GPU_READ, (void *)light, sizeof *light},
+                                      {BINDING_PASS, GPU_READ, list, (CASTERS + box_count) * sizeof *list},
+                                      {BINDING_PASS + 1, GPU_WRITE, mask, total * sizeof *mask})});
     for (uint32_t i = 0; i < total; i++)
         assert_true(i < cells * cells ? mask[i] <= 1 : mask[i] == 0);
 }
@@ -479,10 +593,10 @@ static void the_mask_misses_nothing(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(caps_are_equal_area),       cmocka_unit_test(the_octahedron_is_equal_area),
-        cmocka_unit_test(directions_are_uniform),    cmocka_unit_test(spots_fall_off),
-        cmocka_unit_test(density_leaves_flux_alone), cmocka_unit_test(beams_cover_their_rectangle),
-        cmocka_unit_test(the_mask_misses_nothing),
+        cmocka_unit_test(caps_are_equal_area),         cmocka_unit_test(the_octahedron_is_equal_area),
+        cmocka_unit_test(directions_are_uniform),      cmocka_unit_test(spots_fall_off),
+        cmocka_unit_test(density_leaves_flux_alone),   cmocka_unit_test(beams_cover_their_rectangle),
+        cmocka_unit_test(insets_take_what_they_cover), cmocka_unit_test(the_mask_misses_nothing),
     };
     return cmocka_run_group_tests(tests, set_up, tear_down);
 }
