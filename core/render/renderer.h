@@ -46,7 +46,8 @@ const struct renderer_limits *renderer_limits(const struct renderer *renderer);
 enum channel {
     CHANNEL_CAUSTICS,   /* 3: radiance toward the camera from caustic light, W/(m^2 sr), at directly visible
                            receivers; 0 elsewhere */
-    CHANNEL_IRRADIANCE, /* 3: caustic irradiance, W/m^2, likewise */
+    CHANNEL_IRRADIANCE, /* 3: caustic irradiance, W/m^2, likewise; with aa=pixel, unlike caustics, nothing
+                           where a pixel's middle sees no receiver */
     CHANNEL_BEAUTY,     /* 3: direct light, emission, caustics and indirect, W/(m^2 sr) */
     CHANNEL_DEPTH,    /* 1: distance along the view axis to the first hit, m; +infinity where there is none */
     CHANNEL_NORMAL,   /* 3: unit shading normal of the surface the G-buffer settled on; 0 where none */
