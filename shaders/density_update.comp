@@ -3,27 +3,16 @@
 // density_update.comp: the control loop: next frame's density of a cell from what its photons did.
 //
 // Reads   last density, mask, feedback, wishes of density_measure.comp, counters.suggestion_scale
-// Writes  density, variance; how far weaker branches are thinned out
+// Writes  density, variance
 // Source  design 5; aaps-thesis 2.3.4: D' = D A / A_t + g v, blended in time and with the neighbours
 #include "frame.glsl"
 #include "light.glsl"
 #include "density.glsl"
-#include "block.glsl"
 layout(local_size_x = GROUP_SIZE) in;
+layout(std430, binding = BINDING_PASS + 2) readonly buffer feedback_buffer { feedback_gpu feedback[]; };
 layout(std430, binding = BINDING_PASS + 3) readonly buffer old_buffer { float old_density[]; };
 layout(std430, binding = BINDING_PASS + 4) buffer density_buffer { float density[]; }; // holds the wishes at first
 layout(std430, binding = BINDING_PASS + 5) writeonly buffer variance_buffer { float variance[]; };
-layout(std430, binding = BINDING_PASS + 6) buffer thinning_buffer { uint thinning[]; };
-
-// Every how many strata a block needs its weaker branches: the same rule again, between branches.
-uint thinning_step(uint cell)
-{
-    vec3 block = block_sums(cell);
-    float ratio = block.y / max(block.x, 1.0);
-    if (DENSITY == DENSITY_ERROR_RULE)
-        ratio = sqrt(ratio) / float(thinning[cell]); // of errors, which a photon for step^2 others makes step^2 times
-    return ratio < 0.5 ? 2u : 1u;
-}
 
 void main()
 {
@@ -34,12 +23,8 @@ void main()
         density[cell] = 0.0;
         if (has(FEATURE_VARIANCE))
             variance[cell] = 0.0;
-        thinning[cell] = 1u;
         return;
     }
-    uint step = thinning_step(cell);
-    if ((frame.flags & FLAG_HOLD) == 0u)
-        thinning[cell] = step;
     float value = old_density[cell];
     if (DENSITY != DENSITY_UNIFORM_RULE) {
         // D A is the sum of the cell's projected areas, whatever D was: the loop settles in one step

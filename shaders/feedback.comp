@@ -10,11 +10,14 @@
 #include "optics.glsl"
 #include "photons.glsl"
 #include "targets.glsl"
+#include "branches.glsl"
 layout(local_size_x = GROUP_SIZE) in;
 layout(std430, binding = BINDING_PASS + 5) readonly buffer photon_buffer { photon photons[]; };
 layout(std430, binding = BINDING_PASS + 2) buffer feedback_buffer { feedback_gpu feedback[]; };
 layout(std430, binding = BINDING_PASS + 3) readonly buffer irradiance_buffer { vec4 irradiance[]; };
 layout(std430, binding = BINDING_PASS + 4) readonly buffer old_buffer { vec4 old_irradiance[]; };
+layout(std430, binding = BINDING_PASS + 6) readonly buffer tree_buffer { uint tree[]; };
+layout(std430, binding = BINDING_PASS + 7) readonly buffer column_buffer { uint columns[]; };
 
 // Relative change of luminance between the photon's pixel and where that point was last frame, in [0, 1].
 float change_at(photon p)
@@ -103,19 +106,16 @@ void main()
     if (p.cell == NONE || !(p.area > 0.0))
         return;
     bool is_exact;
-    bool is_weak = (p.cell & CELL_WEAK) != 0u;
-    p.cell &= ~CELL_WEAK;
+    uint spacing = 1u << (p.cell >> CELL_SPACING_SHIFT);
+    p.cell &= CELL_INDEX_MASK;
     if (DENSITY == DENSITY_ERROR_RULE) {
         float flux = p.root * p.root / clamp(p.area, ROOT_AREA_MIN, ROOT_AREA_MAX);
-        vec2 error = flux * footprint_error(p) * 1073741824.0;
-        if (is_weak)
-            ADD_FIXED(feedback[p.cell].weak_low, feedback[p.cell].weak_high, error.x + error.y, is_exact)
-        else {
-            ADD_FIXED(feedback[p.cell].error_u_low, feedback[p.cell].error_u_high, error.x, is_exact);
-            ADD_FIXED(feedback[p.cell].error_v_low, feedback[p.cell].error_v_high, error.y, is_exact);
-        }
-    } else if (is_weak)
-        ADD_FIXED(feedback[p.cell].weak_low, feedback[p.cell].weak_high, p.root * 1048576.0, is_exact);
+        // one that stands for n makes n times the error with their flux
+        vec2 width = branch_width(columns[p.cell], tree[p.cell], spacing);
+        vec2 error = flux * footprint_error(p) * (1073741824.0 / (width.x * width.y));
+        ADD_FIXED(feedback[p.cell].error_u_low, feedback[p.cell].error_u_high, error.x, is_exact);
+        ADD_FIXED(feedback[p.cell].error_v_low, feedback[p.cell].error_v_high, error.y, is_exact);
+    }
     ADD_FIXED(feedback[p.cell].area_low, feedback[p.cell].area_high, p.area * 65536.0, is_exact);
     ADD_FIXED(feedback[p.cell].root_low, feedback[p.cell].root_high, p.root * 1048576.0, is_exact);
     if (has(FEATURE_VARIANCE) && (frame.flags & FLAG_HAS_PREVIOUS) != 0u)

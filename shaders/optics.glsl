@@ -48,6 +48,14 @@ void differential_scale(inout differential x, float scale)
     x.d_v *= scale;
 }
 
+void differential_scale_both(inout differential x, vec2 scale)
+{
+    x.p_u *= scale.x;
+    x.p_v *= scale.y;
+    x.d_u *= scale.x;
+    x.d_v *= scale.y;
+}
+
 // Below these cosines the linearisation is meaningless: grazing transfer and grazing exit are clamped and counted.
 const float TRANSFER_COS_MIN = 1e-4;
 const float REFRACT_COS_MIN = 1e-3;

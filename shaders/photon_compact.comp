@@ -116,7 +116,7 @@ lookup_photon make_lookup_photon(photon_ray ray, uint slot)
     float least = pixel2 * (1.0 / 64.0);
     p.covariance = vec4(max(cxx, 0.0) + least, cxy, max(cyy, 0.0) + least, min(spread, 0.25 * frame.max_radius * sqrt(pixel2)));
     p.flux = vec4(ray.flux.xyz, area);
-    p.cell = fate == FATE_CULLED_SOLID_ANGLE ? NONE : ray.cell | ((ray.state & STATE_WEAK) != 0u ? CELL_WEAK : 0u);
+    p.cell = fate == FATE_CULLED_SOLID_ANGLE ? NONE : photon_cell(ray);
     return p;
 }
 
@@ -266,7 +266,7 @@ photon make_photon(photon_ray ray, uint slot)
     // a visible neighbour spills behind the edge counts as seen.
     fate = sees_center ? FATE_SPLATTED : FATE_CULLED_VISIBILITY;
 
-    p.cell = ray.cell | ((ray.state & STATE_WEAK) != 0u ? CELL_WEAK : 0u);
+    p.cell = photon_cell(ray);
     // Photons at a rim count as well: a coarse one just out of sight spills more light into view than it should.
     p.area = photon_area(area);
     if (SPREADS)

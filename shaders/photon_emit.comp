@@ -10,6 +10,7 @@
 #include "optics.glsl"
 #include "photons.glsl"
 #include "spread.glsl"
+#include "branches.glsl"
 layout(local_size_x = GROUP_SIZE) in;
 layout(std430, binding = BINDING_PASS + 1) readonly buffer tree_buffer { uint tree[]; };
 layout(std430, binding = BINDING_PASS + 2) writeonly buffer ray_buffer { photon_ray rays[]; };
@@ -103,10 +104,14 @@ void main()
                           float(frame.subframe) * vec2(0.7548776662, 0.5698402910));
             hash = hash_mix(hash, frame.subframe);
         }
-        uvec2 turn = uvec2(0u); // which strata carry thinned branches changes with the subframe
+        uvec2 turn = uvec2(0u); // which strata follow dim branches changes with the subframe
         if ((frame.flags & FLAG_JITTER) != 0u)
             turn = uvec2(hash_word(frame.subframe ^ frame.seed), hash_word(frame.subframe + 0x9e37u));
-        uvec2 lattice = cell_place(node) * strata + at + turn;
+        uvec2 turned = (at + turn % strata) % strata;
+        uint follows = 0u;
+        if (follows_2(turned.x, strata.x) && follows_2(turned.y, strata.y))
+            follows = follows_4(turned.x, strata.x) && follows_4(turned.y, strata.y) ? 3u : 1u;
+        follows <<= STATE_FOLLOWS;
         vec2 size = 1.0 / (float(frame.cells) * vec2(strata)); // of a stratum
         vec2 corner = vec2(cell_place(node)) / float(frame.cells), uv = corner + (vec2(at) + place) * size;
         float kept = 1.0; // of the stratum, by its tile
@@ -128,16 +133,16 @@ void main()
                 emitter_place = fract(vec2(hash_unit(h), hash_unit(hash_word(h))) +
                                       float(frame.subframe) * vec2(0.8191725134, 0.6710436067));
             }
-            weight = leave_emitter(light, lattice, emitter_place, e, spread.emitter);
-            // A block of the lattice has every stratum of the emitter once. Its photons are the ones to thin out together.
+            weight = leave_emitter(light, cell_place(node) * strata + at + turn, emitter_place, e, spread.emitter);
+            // Neighbours have the emitter's strata between them: none can follow a branch for the others.
             spacing *= float(light.emitter_side);
-            lattice /= light.emitter_side;
+            if (light.emitter_side > 1u)
+                follows = STATE_FOLLOWS_ALL;
         } else
             weight = light_falloff(light, e.direction);
         if (has(FEATURE_INSETS))
             weight *= kept;
         SPREAD_STORE(spreads, task, spread);
-        lattice &= 3u;
         float share = weight * light.tile_origin.w * size.x * size.y;
         photon_ray ray;
         float measure = 1.0 / max(light.tile_origin.w * spacing.x * spacing.y, 1e-30);
@@ -153,7 +158,7 @@ void main()
         ray.cell = node;
         ray.hash = hash;
         ray.medium = light.medium;
-        ray.state = (lattice.x << 14) | (lattice.y << 16);
+        ray.state = follows;
         rays[task] = ray;
         queue[task] = task;
         emitted = ray.flux.w;

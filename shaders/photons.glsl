@@ -1,8 +1,12 @@
 // photons.glsl: what the photon passes share: counters, ray records, the flux ledger.
 // Source  design 3 (photons ordered by task and branch), 13
-const uint STATE_WEAK = 1u << 18;   // see photon_ray.state
-const uint STATE_BAND_SHIFT = 20u;
+// See photon_ray.state.
 const uint STATE_HIDDEN = 1u << 19; // of a deposit: the camera does not see it (aa=pixel)
+const uint STATE_BAND_SHIFT = 20u;
+const uint STATE_SPACING_SHIFT = 22u, STATE_SPACING = 3u << STATE_SPACING_SHIFT;
+const uint STATE_FOLLOWS = 14u; // of bits: spacing 2, 4
+const uint STATE_FOLLOWS_ALL = 1u << 16;
+const uint STATE_KEPT = 0xf1c000u; // from ray to ray: what it follows, band, spacing
 
 layout(std430, binding = BINDING_PASS) buffer counter_buffer { counters_gpu counters; };
 
@@ -18,6 +22,12 @@ float photon_area(float area)
 float photon_root(float area, float flux)
 {
     return sqrt(clamp(area, ROOT_AREA_MIN, ROOT_AREA_MAX) * flux / frame.cell_flux);
+}
+
+// The cell that hears of the photon, and how many strata its branch's photons lie apart.
+uint photon_cell(photon_ray ray)
+{
+    return ray.cell | (((ray.state >> STATE_SPACING_SHIFT) & 3u) << CELL_SPACING_SHIFT);
 }
 
 differential ray_differential(photon_ray ray)

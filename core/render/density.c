@@ -30,8 +30,7 @@ bool density_prepare(struct view *view)
              view_buffer(view, BUFFER_COSTS, cells * sizeof(uint32_t)))) &&
            view_buffer(view, BUFFER_PARTIALS, 2 * (size_t)groups_of((uint32_t)cells) * sizeof(vec2)) &&
            (!view->plan.has_feedback ||
-            (view_buffer(view, BUFFER_FEEDBACK, cells * sizeof(struct feedback_gpu)) &&
-             view_buffer(view, BUFFER_THINNING, cells * sizeof(uint32_t)))) &&
+            view_buffer(view, BUFFER_FEEDBACK, cells * sizeof(struct feedback_gpu))) &&
            (!view->plan.has_variance || view_buffer(view, BUFFER_VARIANCE, cells * sizeof(float)));
 }
 
@@ -57,9 +56,8 @@ void density_record(struct view *view, struct gpu_frame *frame)
                                                        {BINDING_PASS + 4, GPU_WRITE, density_now(view)},
                                                        {BINDING_PASS + 5, GPU_READ, BUFFER_TREE},
                                                        {BINDING_PASS + 6, GPU_READ, BUFFER_COLUMNS},
-                                                       {BINDING_PASS + 7, GPU_READ, BUFFER_THINNING},
-                                                       {BINDING_PASS + 8, GPU_READ_WRITE, aspect},
-                                                       {BINDING_PASS + 9, GPU_READ, costs})});
+                                                       {BINDING_PASS + 7, GPU_READ_WRITE, aspect},
+                                                       {BINDING_PASS + 8, GPU_READ, costs})});
             view_dispatch(view, frame,
                           &(struct view_dispatch){.shader = "density_scale.comp",
                                                   .lights = true,
@@ -80,11 +78,8 @@ void density_record(struct view *view, struct gpu_frame *frame)
                                          {BINDING_PASS + 3, GPU_READ, density_before(view)},
                                          {BINDING_PASS + 4, GPU_READ_WRITE, density_now(view)},
                                          {BINDING_PASS + 5, GPU_WRITE,
-                                          view->plan.has_variance ? BUFFER_VARIANCE : BUFFER_THINNING},
-                                         {BINDING_PASS + 6, GPU_READ_WRITE, BUFFER_THINNING})});
+                                          view->plan.has_variance ? BUFFER_VARIANCE : BUFFER_PARTIALS})});
     } else {
-        if (view->plan.has_feedback)
-            gpu_record_fill(frame, view->buffers[BUFFER_THINNING], 0, cells * sizeof(uint32_t), 1);
         if (is_error_rule)
             gpu_record_fill(frame, view->buffers[BUFFER_ASPECT], 0, cells * sizeof(float), 0);
         if (view->plan.has_variance)

@@ -74,11 +74,12 @@ void photons_record(struct view *view, struct gpu_frame *frame)
                 USES({BINDING_PASS, GPU_READ_WRITE, BUFFER_COUNTERS},
                      {BINDING_PASS + 1, GPU_READ_WRITE, rays}, {BINDING_PASS + 2, GPU_WRITE, children},
                      {BINDING_PASS + 3, GPU_READ, queue}, {BINDING_PASS + 4, GPU_WRITE, BUFFER_OUTCOMES},
-                     {BINDING_PASS + 5, GPU_WRITE, BUFFER_GROUPS},
-                     {BINDING_PASS + 6, GPU_READ, view->plan.has_feedback ? BUFFER_THINNING : queue},
-                     {BINDING_PASS + 7, GPU_READ_WRITE, spread}, {BINDING_PASS + 8, GPU_WRITE, child_spread},
-                     {BINDING_PASS + 9, GPU_READ_WRITE,
-                      view->settings.density == DENSITY_ERROR ? BUFFER_COSTS : BUFFER_OUTCOMES})});
+                     {BINDING_PASS + 5, GPU_WRITE, BUFFER_GROUPS}, {BINDING_PASS + 6, GPU_READ_WRITE, spread},
+                     {BINDING_PASS + 7, GPU_WRITE, child_spread},
+                     {BINDING_PASS + 8, GPU_READ_WRITE,
+                      view->settings.density == DENSITY_ERROR ? BUFFER_COSTS : BUFFER_OUTCOMES},
+                     {BINDING_PASS + 9, GPU_READ, BUFFER_TREE},
+                     {BINDING_PASS + 10, GPU_READ, BUFFER_COLUMNS})});
         gpu_pass_end(frame);
         gpu_pass_begin(frame, "compact");
         view_dispatch(view, frame,

@@ -57,7 +57,7 @@ enum tile_fit { TILE_FIT_CASTERS, TILE_FIT_FULL };
     S(cull_energy, FLOAT, 0, 1, 1e-5, "", "drop photons below this share of their emitted flux")             \
     S(cull_solid_angle, FLOAT, 0, 100, 0, "",                                                                \
       "drop photons whose unscaled footprint exceeds this solid angle from the light, sr; 0: never")         \
-    S(kappa, FLOAT, 0.05, 16, 1.5, "", "footprint scale: covariance of the photon spacing times this")       \
+    S(kappa, FLOAT, 0.05, 16, 1.2, "", "footprint scale: covariance of the photon spacing times this")       \
     S(max_anisotropy, FLOAT, 1, 1e4, 64, "", "most a footprint may be longer than wide")                     \
     S(max_radius, FLOAT, 1, 4096, 64, "", "longest footprint radius on screen, px; energy is kept")          \
     S(aa, CHOICE, 0, 6, SPLAT_AA_FILTER, "filter,none,pixel,msaa,msaa_sample,msaa_small,coverage",           \

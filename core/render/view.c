@@ -18,16 +18,16 @@ static uint64_t now_ns(void)
 /* ---- buffers and dispatches ---------------------------------------------------------------------------- */
 
 static const char *const buffer_names[BUFFER_COUNT] = {
-    "frame",         "lights",         "counters",    "caster boxes",      "caster mask",
-    "density",       "density",        "quadtree",    "columns",           "aspect",
-    "costs",         "partials",       "feedback",    "variance",          "thinning",
-    "rays",          "rays",           "spreads",     "spreads",           "queue",
-    "queue",         "outcomes",       "groups",      "photons",           "surfaces",
-    "targets",       "sums",           "picture",     "reached",           "irradiance",
-    "irradiance",    "blended",        "blended",     "old targets",       "chains",
-    "chain weights", "chain places",   "lookup",      "lookup cells",      "lookup marks",
-    "lookup points", "lookup photons", "lookup sums", "indirect",          "lookup readback",
-    "soft",          "output",         "readback",    "counters readback",
+    "frame",          "lights",      "counters",          "caster boxes",    "caster mask",
+    "density",        "density",     "quadtree",          "columns",         "aspect",
+    "costs",          "partials",    "feedback",          "variance",        "rays",
+    "rays",           "spreads",     "spreads",           "queue",           "queue",
+    "outcomes",       "groups",      "photons",           "surfaces",        "targets",
+    "sums",           "picture",     "reached",           "irradiance",      "irradiance",
+    "blended",        "blended",     "old targets",       "chains",          "chain weights",
+    "chain places",   "lookup",      "lookup cells",      "lookup marks",    "lookup points",
+    "lookup photons", "lookup sums", "indirect",          "lookup readback", "soft",
+    "output",         "readback",    "counters readback",
 };
 
 bool view_buffer(struct view *view, enum view_buffer id, size_t size)

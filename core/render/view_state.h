@@ -98,7 +98,6 @@ enum view_buffer {
     BUFFER_PARTIALS,
     BUFFER_FEEDBACK,
     BUFFER_VARIANCE,
-    BUFFER_THINNING,
     BUFFER_RAYS, /* even and odd bounces */
     BUFFER_RAYS_OTHER,
     BUFFER_SPREADS, /* beside the rays */

@@ -52,7 +52,7 @@ struct lookup_photon {
     vec4 covariance; /* of its footprint in the frame of tangent_frame(normal): xx, xy, yy, m^2; w: plane
                         slack, m */
     vec4 flux;       /* rgb, W; w: area of its stratum's image, m^2 */
-    uint cell;       /* in the atlas; NONE: not to be looked up; CELL_WEAK is set on a weaker branch */
+    uint cell;       /* as in struct photon; NONE: not to be looked up */
     uint pad0, pad1, pad2;
 };
 SHARED_SIZE(lookup_photon, 64);

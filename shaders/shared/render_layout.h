@@ -202,9 +202,9 @@ struct photon_ray {
     uint cell;       /* in the atlas, Morton order */
     uint hash;       /* of its fixed place: light, cell, sample, branches */
     uint medium;     /* list of the solids it is in, 0: air (media.glsl) */
-    uint state; /* bits 0-7 bounces, 8-11 splits, 12-13 last interaction, 14-15 and 16-17 its place on the
-                   lattice of strata modulo 4, 18 on a weaker branch, 19 see
-                  photons.glsl, 20-21 band: 0 white, 1 to 3 red, green, blue */
+    uint state;      /* bits 0-7 bounces, 8-11 splits, 12-13 last interaction, 14-16 which dim branches it
+                        follows, 19 hidden, 20-21 band: 0 white, 1 to 3 red, green, blue, 22-23
+                        log2 of its branch's spacing (branches.glsl) */
 };
 SHARED_SIZE(photon_ray, 112);
 
@@ -223,7 +223,7 @@ struct photon {
     vec4 center;   /* px; zw: w */
     vec4 density;  /* rgb irradiance of the kernel at its middle, W/m^2, or flux for aa=pixel; w: plane slack,
                       m */
-    uint cell;     /* NONE: not drawn; CELL_WEAK is set on a weaker branch */
+    uint cell;     /* in the atlas, and see CELL_SPACING_SHIFT; NONE: not drawn */
     float area;    /* projected, px^2, without filter and limits */
     float root;    /* sqrt(area * flux / flux of a mean cell), px */
     uint shape;    /* bits 0-15 share of its cell's flux, half float; 16-23 how much of the ellipse's major
@@ -231,7 +231,9 @@ struct photon {
 };
 SHARED_SIZE(photon, 80);
 
-#define CELL_WEAK 0x80000000u
+/* A photon's cell: above the index log2 of its branch's spacing (branches.glsl). */
+#define CELL_SPACING_SHIFT 30
+#define CELL_INDEX_MASK    0x3fffffffu
 
 /* What the trace pass says of a ray. */
 #define OUTCOME_CHILD0 1u
@@ -314,16 +316,13 @@ SHARED_SIZE(counters_gpu, 320);
 /* Accumulators of one cell's feedback, 64-bit fixed point as low and high word. Errors are flux put in the
  * wrong place, in parts of a mean cell's flux. */
 struct feedback_gpu {
-    uint area_low, area_high;     /* sum of projected areas, 2^-16 px^2 */
-    uint root_low, root_high;     /* sum of sqrt(area * share), 2^-20 px */
-    uint change_low, change_high; /* sum of share * relative change, 2^-24 */
-    uint weak_low, weak_high; /* like root, of photons on weaker branches only; density=error: their errors,
-                                 2^-30 */
-    uint error_u_low,
-        error_u_high; /* density=error: by the strata's size in u, 2^-30; weaker branches left out */
+    uint area_low, area_high;       /* sum of projected areas, 2^-16 px^2 */
+    uint root_low, root_high;       /* sum of sqrt(area * share), 2^-20 px */
+    uint change_low, change_high;   /* sum of share * relative change, 2^-24 */
+    uint error_u_low, error_u_high; /* density=error: by the strata's size in u, 2^-30 */
     uint error_v_low, error_v_high; /* and in v */
 };
-SHARED_SIZE(feedback_gpu, 48);
+SHARED_SIZE(feedback_gpu, 40);
 
 /* ---- camera side --------------------------------------------------------------------------------------- */
 

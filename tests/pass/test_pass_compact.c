@@ -216,7 +216,7 @@ static struct line_up *line_up_of(double spread)
             .direction = with_w(n, (float)between(1, 4)),
             .flux = {(float)between(0.1, 1), (float)between(0.1, 1), (float)between(0.1, 1), 4},
             .cell = i % CELLS,
-            .state = i % 4 ? 2 : 2 | 1u << 18};
+            .state = 2 | i % 3 << 22};
         ray->dp_u_v0 =
             (vec4){(float)(scale * u.x), (float)(scale * u.y), (float)(scale * u.z), (float)(scale * v.x)};
         ray->dp_v1_dd_u = (vec4){(float)(scale * v.y), (float)(scale * v.z), 0, 0};
@@ -291,7 +291,7 @@ static void lists_keep_their_order(void **state)
             assert_true(p->position.x == ray->origin.x - l->frame.eye.x);
             assert_true(p->position.y == ray->origin.y - l->frame.eye.y);
             bool is_hidden = i % 10 == 3 || i % 10 == 7;
-            assert_int_equal(p->cell, is_hidden ? NONE : i % CELLS | (i % 4 ? 0 : CELL_WEAK));
+            assert_int_equal(p->cell, is_hidden ? NONE : i % CELLS | i % 3 << CELL_SPACING_SHIFT);
             seen += !is_hidden;
             *(is_hidden ? &hidden : &flux) += sum3(ray->flux);
         }

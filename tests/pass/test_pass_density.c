@@ -44,7 +44,7 @@ struct task_buffers {
     /* what the passes make */
     struct counters_gpu counters;
     float density[MOST_CELLS], variance[MOST_CELLS];
-    uint32_t thinning[MOST_CELLS], tree[2 * MOST_CELLS], columns[MOST_CELLS];
+    uint32_t tree[2 * MOST_CELLS], columns[MOST_CELLS];
     uint32_t costs[MOST_CELLS];
     float aspect[MOST_CELLS];
 };
@@ -82,19 +82,17 @@ static void set_fixed(uint32_t *low, uint32_t *high, double value, double scale)
     *low = (uint32_t)(units - *high * 4294967296.0);
 }
 
-static void set_feedback(struct feedback_gpu *feedback, double area, double root, double change, double weak)
+static void set_feedback(struct feedback_gpu *feedback, double area, double root, double change)
 {
     set_fixed(&feedback->area_low, &feedback->area_high, area, 65536);
     set_fixed(&feedback->root_low, &feedback->root_high, root, 1048576);
     set_fixed(&feedback->change_low, &feedback->change_high, change, 16777216);
-    set_fixed(&feedback->weak_low, &feedback->weak_high, weak, 1048576);
 }
 
-static void set_errors(struct feedback_gpu *feedback, double u, double v, double weak)
+static void set_errors(struct feedback_gpu *feedback, double u, double v)
 {
     set_fixed(&feedback->error_u_low, &feedback->error_u_high, u, 0x1p30);
     set_fixed(&feedback->error_v_low, &feedback->error_v_high, v, 0x1p30);
-    set_fixed(&feedback->weak_low, &feedback->weak_high, weak, 0x1p30);
 }
 
 static void run(struct task_buffers *b, const char *shader, uint32_t phase, uint32_t threads,
@@ -128,9 +126,8 @@ static void run_update(struct task_buffers *b)
                               {BINDING_PASS + 4, GPU_WRITE, b->density, b->total * 4},
                               {BINDING_PASS + 5, GPU_READ, b->tree, b->total * 4},
                               {BINDING_PASS + 6, GPU_READ, b->columns, b->total * 4},
-                              {BINDING_PASS + 7, GPU_READ, b->thinning, b->total * 4},
-                              {BINDING_PASS + 8, GPU_READ_WRITE, b->aspect, b->total * 4},
-                              {BINDING_PASS + 9, GPU_READ, b->costs, b->total * 4}});
+                              {BINDING_PASS + 7, GPU_READ_WRITE, b->aspect, b->total * 4},
+                              {BINDING_PASS + 8, GPU_READ, b->costs, b->total * 4}});
     run(b, "density_scale.comp", 0, 1,
         (struct pass_list[9]){{BINDING_PASS + 2, GPU_READ, partials, sizeof partials}});
     pass_device_run(device, &(struct pass_run){
@@ -144,8 +141,7 @@ static void run_update(struct task_buffers *b)
                                            {BINDING_PASS + 1, GPU_READ, b->mask, b->total * 4}, feedback,
                                            {BINDING_PASS + 3, GPU_READ, b->old_density, b->total * 4},
                                            {BINDING_PASS + 4, GPU_READ_WRITE, b->density, b->total * 4},
-                                           {BINDING_PASS + 5, GPU_WRITE, b->variance, b->total * 4},
-                                           {BINDING_PASS + 6, GPU_READ_WRITE, b->thinning, b->total * 4})});
+                                           {BINDING_PASS + 5, GPU_WRITE, b->variance, b->total * 4})});
 }
 
 static void run_budget(struct task_buffers *b)
@@ -188,32 +184,15 @@ static double root_of(const struct feedback_gpu *f)
     return pass_fixed(f->root_low, f->root_high) / 1048576;
 }
 
-static double weak_of(const struct feedback_gpu *f)
-{
-    return pass_fixed(f->weak_low, f->weak_high) / 1048576;
-}
-
-static double weak_error_of(const struct feedback_gpu *f)
-{
-    return pass_fixed(f->weak_low, f->weak_high) * 0x1p-30;
-}
-
-/* The error rule: errors U and V of the cell in u and v, scaled from its k x m strata to one, with its share
- * of the weaker branches' (a photon for step^2 others counts for one). It asks for the root of (U V)^(1/4)
- * over the root of the rays a photon costs; its aspect is log2 of sqrt(U / V). `last` is the state before the
- * update. */
+/* The error rule: errors U and V of the cell in u and v, scaled from its k x m strata to one. It asks for the
+ * root of (U V)^(1/4) over the root of the rays a photon costs; its aspect is log2 of sqrt(U / V). `last` is
+ * the state before the update. */
 static double model_wish(const struct task_buffers *last, uint32_t cell, double *aspect)
 {
-    double weak = 0, sharing = 0, step = last->thinning[cell];
-    for (uint32_t i = cell / 16 * 16; i < cell / 16 * 16 + 16 && i < last->total; i++) {
-        weak += weak_error_of(&last->feedback[i]);
-        sharing += last->mask[i];
-    }
-    weak /= sharing * step * step;
     const struct feedback_gpu *f = &last->feedback[cell];
     double k = last->columns[cell], m = last->tree[cell] / k;
-    double u = (pass_fixed(f->error_u_low, f->error_u_high) * 0x1p-30 + 0.5 * weak) * k * k;
-    double v = (pass_fixed(f->error_v_low, f->error_v_high) * 0x1p-30 + 0.5 * weak) * m * m;
+    double u = pass_fixed(f->error_u_low, f->error_u_high) * 0x1p-30 * k * k;
+    double v = pass_fixed(f->error_v_low, f->error_v_high) * 0x1p-30 * m * m;
     *aspect = (double)last->aspect[cell];
     if (!(u * v > 0))
         return 0;
@@ -223,8 +202,7 @@ static double model_wish(const struct task_buffers *last, uint32_t cell, double 
 }
 
 /* design 5: D' = (area or scaled root) / A_t + g v; w_t D' + (1 - w_t) of the neighbourhood's mean, in which
- * the cell counts as much as four neighbours. Roots of weaker branches are shared by the 4 x 4 cells around.
- */
+ * the cell counts as much as four neighbours. */
 static double model_update(const struct task_buffers *b, const struct task_buffers *last, uint32_t cell)
 {
     const struct frame_gpu *frame = &b->frame;
@@ -233,18 +211,13 @@ static double model_update(const struct task_buffers *b, const struct task_buffe
         return 0;
     double suggested = area_of(&b->feedback[cell]);
     if (b->rule == DENSITY_SQRT_RULE) {
-        double areas = 0, roots = 0, weak = 0, sharing = 0;
+        double areas = 0, roots = 0;
         for (uint32_t i = 0; i < b->total; i++)
             if (b->mask[i]) {
                 areas += area_of(&b->feedback[i]);
                 roots += root_of(&b->feedback[i]);
             }
-        for (uint32_t i = cell / 16 * 16; i < cell / 16 * 16 + 16 && i < b->total; i++) {
-            weak += weak_of(&b->feedback[i]);
-            sharing += b->mask[i];
-        }
-        suggested = root_of(&b->feedback[cell]) - weak_of(&b->feedback[cell]) + weak / sharing;
-        suggested *= roots > 0 ? areas / roots : 0;
+        suggested = roots > 0 ? root_of(&b->feedback[cell]) * areas / roots : 0;
     } else if (b->rule == DENSITY_ERROR_RULE) {
         double areas = 0, wishes = 0, aspect;
         for (uint32_t i = 0; i < b->total; i++)
@@ -284,15 +257,14 @@ static void fill_randomly(struct task_buffers *b)
         b->old_density[i] = b->mask[i] ? (float)exp(6 * uniform()) : 0;
         double root = exp(3 * uniform()), change = uniform();
         if (b->mask[i] && uniform() < 0.8)
-            set_feedback(&b->feedback[i], exp(5 * uniform()), root, change, root * uniform() * uniform());
+            set_feedback(&b->feedback[i], exp(5 * uniform()), root, change);
         if (b->rule == DENSITY_ERROR_RULE && b->mask[i] && uniform() < 0.8)
-            set_errors(&b->feedback[i], exp(-9 * uniform()), exp(-9 * uniform()), exp(-9 - 3 * uniform()));
+            set_errors(&b->feedback[i], exp(-9 * uniform()), exp(-9 * uniform()));
         else if (b->rule == DENSITY_ERROR_RULE)
-            set_errors(&b->feedback[i], 0, 0, 0);
+            set_errors(&b->feedback[i], 0, 0);
         b->columns[i] = 1 + (uint32_t)(9 * uniform());
         b->tree[i] = b->columns[i] * (1 + (uint32_t)(9 * uniform()));
         b->aspect[i] = (float)(4 * uniform() - 2);
-        b->thinning[i] = 1 + i / 16 % 2;
         b->costs[i] = 1 + (uint32_t)(900 * uniform());
     }
 }
@@ -312,8 +284,8 @@ static void densities_follow_the_model(void **state)
         b->features = i == 4 ? 0 : FEATURE_VARIANCE;
         fill_randomly(b);
         b->mask[0] = 1;
-        set_feedback(&b->feedback[0], 3, 2, 0.5, 1);
-        set_errors(&b->feedback[0], 0.1, 0.02, b->rule == DENSITY_ERROR_RULE ? 0.01 : 0x1p-10);
+        set_feedback(&b->feedback[0], 3, 2, 0.5);
+        set_errors(&b->feedback[0], 0.1, 0.02);
         memset(b->density, 0xff, sizeof b->density);
         struct task_buffers *last = malloc(sizeof *last);
         assert_non_null(last);
@@ -324,7 +296,7 @@ static void densities_follow_the_model(void **state)
             double expected = model_update(b, last, cell), found = (double)b->density[cell];
             assert_true(isfinite(found));
             if (!b->mask[cell])
-                assert_true(found == 0 && b->variance[cell] == 0 && b->thinning[cell] == 1);
+                assert_true(found == 0 && b->variance[cell] == 0);
             else {
                 worst = fmax(worst, fabs(found / expected - 1));
                 double change =
@@ -354,11 +326,10 @@ static void rules_ask_for_the_same_total(void **state)
         b->features = 0;
         b->frame.temporal_weight = 1;
         for (uint32_t i = 0; i < b->total; i++) {
-            double root = 1 + 9 * uniform();
-            set_feedback(&b->feedback[i], 1 + 99 * uniform(), root, 0, 0.5 * root * uniform());
+            set_feedback(&b->feedback[i], 1 + 99 * uniform(), 1 + 9 * uniform(), 0);
             if (b->rule == DENSITY_ERROR_RULE)
-                set_errors(&b->feedback[i], 0.01 + uniform(), 0.01 + uniform(), 0.01 * uniform());
-            b->thinning[i] = b->columns[i] = b->tree[i] = b->costs[i] = 1;
+                set_errors(&b->feedback[i], 0.01 + uniform(), 0.01 + uniform());
+            b->columns[i] = b->tree[i] = b->costs[i] = 1;
         }
         run_update(b);
         double found = 0, areas = 0;
@@ -384,28 +355,6 @@ static void uniform_density_stays(void **state)
     run_update(b);
     for (uint32_t i = 0; i < b->total; i++)
         assert_true(b->density[i] == b->old_density[i]);
-    free(b);
-}
-
-/* Nothing reported of weaker branches: few are needed; nothing but them: all are. In between, never more of
- * them where they matter less. */
-static void weak_branches_are_thinned_where_they_matter_little(void **state)
-{
-    (void)state;
-    enum { BLOCKS = 16 };
-    struct task_buffers *b = buffers_of(16, 1, 1);
-    for (uint32_t i = 0; i < b->total; i++) /* block by block the weak share goes from none to all */
-        set_feedback(&b->feedback[i], 10, 8, 0, 8.0 * (i / 16) / (BLOCKS - 1));
-    run_update(b);
-    for (uint32_t i = 0; i < b->total; i++) {
-        uint32_t step = b->thinning[i];
-        assert_true(step == 1 || step == 2);
-        assert_int_equal(step, b->thinning[i / 16 * 16]);
-        if (i >= 16)
-            assert_true(step <= b->thinning[i - 16]);
-    }
-    assert_int_equal(b->thinning[0], 2);
-    assert_int_equal(b->thinning[b->total - 1], 1);
     free(b);
 }
 
@@ -732,37 +681,34 @@ static void moved_tiles_keep_their_density(void **state)
     free(b);
 }
 
-/* At rest a cell keeps its samples and its thinning, whatever is reported. Without the flag the same turn
+/* At rest a cell keeps its samples, whatever is reported. Without the flag the same turn
  * takes some from cells and gives some to others. */
 static void at_rest_samples_stay(void **state)
 {
     (void)state;
     random_state = 41;
     struct task_buffers *b = buffers_of(16, 1, 1);
-    static uint32_t before[MOST_CELLS], freely[MOST_CELLS], steps[MOST_CELLS], columns[MOST_CELLS];
+    static uint32_t before[MOST_CELLS], freely[MOST_CELLS], columns[MOST_CELLS];
     fill_randomly(b);
     run_update(b);
     run_budget(b);
     memcpy(before, b->tree, sizeof before);
-    memcpy(steps, b->thinning, sizeof steps);
     memcpy(columns, b->columns, sizeof columns);
     memcpy(b->old_density, b->density, sizeof b->old_density);
     for (uint32_t i = 0; i < b->total; i++)
         if (b->mask[i])
-            set_feedback(&b->feedback[i], exp(5 * uniform()), exp(3 * uniform()), 0, 0);
+            set_feedback(&b->feedback[i], exp(5 * uniform()), exp(3 * uniform()), 0);
     run_update(b);
     run_budget(b);
     memcpy(freely, b->tree, sizeof freely);
     b->frame.flags = FLAG_HOLD;
     memcpy(b->tree, before, sizeof before);
-    memcpy(b->thinning, steps, sizeof steps);
     memcpy(b->columns, columns, sizeof columns);
     run_update(b);
     run_budget(b);
     uint32_t fallen = 0, gained = 0;
     for (uint32_t i = 0; i < b->total; i++) {
         assert_int_equal(b->tree[i], before[i]);
-        assert_int_equal(b->thinning[i], steps[i]);
         fallen += freely[i] < before[i];
         gained += freely[i] > before[i];
     }
@@ -777,7 +723,6 @@ int main(void)
         cmocka_unit_test(densities_follow_the_model),
         cmocka_unit_test(rules_ask_for_the_same_total),
         cmocka_unit_test(uniform_density_stays),
-        cmocka_unit_test(weak_branches_are_thinned_where_they_matter_little),
         cmocka_unit_test(poison_is_clamped),
         cmocka_unit_test(the_budget_holds_and_tasks_cover_it),
         cmocka_unit_test(equal_squares_do_not_pass_the_budget),

@@ -44,6 +44,7 @@ struct report {
     struct target_gpu targets[PIXELS];
     vec4 now[PIXELS], before[PIXELS];
     struct feedback_gpu feedback[CELLS];
+    uint32_t tree[CELLS], columns[CELLS];
 };
 
 static struct report *report_of(void)
@@ -72,6 +73,10 @@ static struct report *report_of(void)
         if (i % 5 == 0)
             r->now[i] = r->before[i] = (vec4){0, 0, 0, 0};
     }
+    for (uint32_t i = 0; i < CELLS; i++) {
+        r->columns[i] = 1 + i % 7;
+        r->tree[i] = r->columns[i] * (1 + i % 5);
+    }
     for (uint32_t i = 0; i < PHOTONS; i++) {
         struct photon *p = &r->photons[i];
         double z = between(-5, 0.5);
@@ -87,7 +92,7 @@ static struct report *report_of(void)
                             (float)sqrt(yy)};
         if (i % 11 == 0)
             p->ellipse = (vec4){(float)between(0, 1), (float)between(0, 1), 0, -1};
-        p->cell = i % 13 ? (uint32_t)between(0, CELLS) | (i % 3 ? 0 : CELL_WEAK) : NONE;
+        p->cell = i % 13 ? (uint32_t)between(0, CELLS) | i % 3 << CELL_SPACING_SHIFT : NONE;
     }
     return r;
 }
@@ -107,7 +112,9 @@ static void run(struct report *r)
                                       {BINDING_PASS + 2, GPU_READ_WRITE, r->feedback, sizeof r->feedback},
                                       {BINDING_PASS + 3, GPU_READ, r->now, sizeof r->now},
                                       {BINDING_PASS + 4, GPU_READ, r->before, sizeof r->before},
-                                      {BINDING_PASS + 5, GPU_READ, r->photons, sizeof r->photons})});
+                                      {BINDING_PASS + 5, GPU_READ, r->photons, sizeof r->photons},
+                                      {BINDING_PASS + 6, GPU_READ, r->tree, sizeof r->tree},
+                                      {BINDING_PASS + 7, GPU_READ, r->columns, sizeof r->columns})});
 }
 
 static double luminance(vec4 c)
@@ -145,20 +152,19 @@ static void cells_get_the_sums(void **state)
     random_state = 4;
     struct report *r = report_of();
     run(r);
-    double area[CELLS] = {0}, root[CELLS] = {0}, weak[CELLS] = {0}, change[CELLS] = {0}, doubt[CELLS] = {0};
+    double area[CELLS] = {0}, root[CELLS] = {0}, change[CELLS] = {0}, doubt[CELLS] = {0};
     uint32_t counts[CELLS] = {0}, changed = 0;
     for (uint32_t i = 0; i < r->counters.photon_count; i++) {
         const struct photon *p = &r->photons[i];
         if (p->cell == NONE || !(p->area > 0))
             continue;
-        uint32_t cell = p->cell & ~CELL_WEAK;
+        uint32_t cell = p->cell & CELL_INDEX_MASK;
         bool is_border = false;
         double moved = share_of(p) * change_of(r, p, &is_border);
         changed += moved > 0;
         counts[cell]++;
         area[cell] += (double)p->area;
         root[cell] += (double)p->root;
-        weak[cell] += p->cell & CELL_WEAK ? (double)p->root : 0;
         change[cell] += moved;
         doubt[cell] += is_border ? share_of(p) : 0;
     }
@@ -171,8 +177,6 @@ static void cells_get_the_sums(void **state)
                      counts[i] * 0x1p-17 + 1e-9 * area[i]);
         assert_close(pass_fixed(f->root_low, f->root_high) / 1048576, root[i],
                      counts[i] * 0x1p-21 + 1e-9 * root[i]);
-        assert_close(pass_fixed(f->weak_low, f->weak_high) / 1048576, weak[i],
-                     counts[i] * 0x1p-21 + 1e-9 * weak[i]);
         double found = pass_fixed(f->change_low, f->change_high) / 16777216;
         worst = fmax(worst, fabs(found - change[i]));
         assert_close(found, change[i], 1e-5 + doubt[i]);
@@ -294,7 +298,7 @@ static void errors_follow_the_model(void **state)
             (&r->now[i].x)[k] = value;
         }
     run(r);
-    double u[CELLS] = {0}, v[CELLS] = {0}, weak[CELLS] = {0}, worst = 0;
+    double u[CELLS] = {0}, v[CELLS] = {0}, worst = 0;
     uint32_t counts[CELLS] = {0};
     for (uint32_t i = 0; i < r->counters.photon_count; i++) {
         const struct photon *p = &r->photons[i];
@@ -302,22 +306,26 @@ static void errors_follow_the_model(void **state)
             continue;
         double error[2], flux = pow((double)p->root, 2) / fmin(fmax((double)p->area, 0.5), 1000);
         model_error(r, p, error);
-        uint32_t cell = p->cell & ~CELL_WEAK;
+        uint32_t cell = p->cell & CELL_INDEX_MASK;
         counts[cell]++;
-        if (p->cell & CELL_WEAK)
-            weak[cell] += flux * (error[0] + error[1]);
-        else {
-            u[cell] += flux * error[0];
-            v[cell] += flux * error[1];
+        /* half of a side's strata follow branches of spacing 2, half of those branches of spacing 4, one at
+         * least; their footprints are that many times as large */
+        double larger = 1;
+        for (int axis = 0; axis < 2; axis++) {
+            uint32_t count = axis ? r->tree[cell] / r->columns[cell] : r->columns[cell], left = count;
+            for (uint32_t k = 0; k < p->cell >> CELL_SPACING_SHIFT; k++)
+                left = left / 2 > 1 ? left / 2 : 1;
+            larger *= (double)count / left;
         }
+        u[cell] += flux * error[0] / larger;
+        v[cell] += flux * error[1] / larger;
     }
     for (uint32_t i = 0; i < CELLS; i++) {
         const struct feedback_gpu *f = &r->feedback[i];
-        double found[3] = {pass_fixed(f->error_u_low, f->error_u_high) * 0x1p-30,
-                           pass_fixed(f->error_v_low, f->error_v_high) * 0x1p-30,
-                           pass_fixed(f->weak_low, f->weak_high) * 0x1p-30};
-        const double expected[3] = {u[i], v[i], weak[i]};
-        for (int k = 0; k < 3; k++) {
+        double found[2] = {pass_fixed(f->error_u_low, f->error_u_high) * 0x1p-30,
+                           pass_fixed(f->error_v_low, f->error_v_high) * 0x1p-30};
+        const double expected[2] = {u[i], v[i]};
+        for (int k = 0; k < 2; k++) {
             assert_true(counts[i] > 10 && expected[k] > 0);
             worst = fmax(worst, fabs(found[k] / expected[k] - 1));
         }

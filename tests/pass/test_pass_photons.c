@@ -28,10 +28,14 @@ static int tear_down(void **state)
 
 /* ---- running a bounce ---------------------------------------------------------------------------------- */
 
+/* Strata of every cell. */
+enum { CELLS = 16, STRATA_U = 7, STRATA_V = 5 };
+
 struct bounce {
     uint32_t count, rule, features;
+    uint32_t density;                            /* uniform: every stratum follows all branches */
     struct photon_ray *rays, *before, *children; /* before: as handed in */
-    uint32_t *outcomes, *thinning;
+    uint32_t *outcomes;
     uint32_t *totals; /* children and photons per workgroup */
     struct counters_gpu counters;
     struct frame_gpu frame;
@@ -40,17 +44,15 @@ struct bounce {
 static struct bounce bounce_of(uint32_t count)
 {
     struct bounce b = {.count = count,
+                       .density = DENSITY_UNIFORM_RULE,
                        .features = FEATURE_DIELECTRIC | FEATURE_THIN | FEATURE_MIRROR | FEATURE_ABSORPTION |
                                    FEATURE_CHROMATIC};
     b.rays = calloc(count, sizeof *b.rays);
     b.before = calloc(count, sizeof *b.before);
     b.children = calloc(2 * count, sizeof *b.children);
     b.outcomes = calloc(count, sizeof *b.outcomes);
-    b.thinning = calloc(16, sizeof *b.thinning);
     b.totals = calloc(count / GROUP_SIZE + 1, 2 * sizeof *b.totals);
-    assert_true(b.rays && b.before && b.children && b.outcomes && b.thinning && b.totals);
-    for (int i = 0; i < 16; i++)
-        b.thinning[i] = 1;
+    assert_true(b.rays && b.before && b.children && b.outcomes && b.totals);
     b.frame = (struct frame_gpu){.max_bounces = 12, .cull_energy = 1e-5f, .flux_unit = 0x1p-20f};
     return b;
 }
@@ -61,7 +63,6 @@ static void bounce_free(struct bounce *b)
     free(b->before);
     free(b->children);
     free(b->outcomes);
-    free(b->thinning);
     free(b->totals);
 }
 
@@ -76,13 +77,18 @@ static void run_bounce(struct bounce *b)
     b->counters.queue[QUEUE_COUNT] = b->count;
     b->counters.queue[0] = (b->count + GROUP_SIZE - 1) / GROUP_SIZE;
     b->counters.stride[0] = 2;
-    uint32_t texels[2] = {0};
+    uint32_t texels[2] = {0}, tree[CELLS], columns[CELLS];
+    for (int i = 0; i < CELLS; i++) {
+        tree[i] = STRATA_U * STRATA_V;
+        columns[i] = STRATA_U;
+    }
     pass_device_run(
         device,
         &(struct pass_run){
             .shader = "photon_trace.comp.bvh",
             .features = b->features,
             .split = b->rule,
+            .density = b->density,
             .has_push = true,
             .threads = b->count,
             PASS_LISTS({BINDING_NODES, GPU_READ, model_nodes, sizeof model_nodes},
@@ -100,9 +106,10 @@ static void run_bounce(struct bounce *b)
                        {BINDING_PASS + 3, GPU_READ, queue, b->count * 4},
                        {BINDING_PASS + 4, GPU_WRITE, b->outcomes, b->count * 4},
                        {BINDING_PASS + 5, GPU_WRITE, b->totals, (b->count / GROUP_SIZE + 1) * 8},
-                       {BINDING_PASS + 6, GPU_READ, b->thinning, 16 * 4},
-                       {BINDING_PASS + 7, GPU_READ_WRITE, NULL, 0}, {BINDING_PASS + 8, GPU_WRITE, NULL, 0},
-                       {BINDING_PASS + 9, GPU_READ_WRITE, NULL, 0})});
+                       {BINDING_PASS + 6, GPU_READ_WRITE, NULL, 0}, {BINDING_PASS + 7, GPU_WRITE, NULL, 0},
+                       {BINDING_PASS + 8, GPU_READ_WRITE, NULL, 0},
+                       {BINDING_PASS + 9, GPU_READ, tree, sizeof tree},
+                       {BINDING_PASS + 10, GPU_READ, columns, sizeof columns})});
     free(queue);
 }
 
@@ -443,47 +450,55 @@ static void split_once_says_what_it_loses(void **state)
     bounce_free(&b);
 }
 
-/* Where a neighbourhood follows weaker branches at one stratum in `step` by `step`, that one carries them for
+/* Of a cell's 7 x 5 strata, 3 x 2 follow branches of spacing 2 and one those of spacing 4. A dim branch is
+ * left to the fewest that bring it to 0.15 of the emitted flux at spacing^2 times its own; they carry it for
  * all. */
-static void thinned_branches_are_carried_by_one(void **state)
+static void dim_branches_are_carried_by_few(void **state)
 {
     (void)state;
-    for (uint32_t step = 1; step <= 4; step *= 2) {
-        struct bounce b = bounce_of(16);
-        for (int i = 0; i < 16; i++)
-            b.thinning[i] = step;
-        for (uint32_t i = 0; i < b.count; i++) {
-            random_state = 15; /* the same ray, at every place of the lattice */
-            fill_ray(&b.rays[i], (struct vector){0.1, 4, 0.2}, model_unit((struct vector){0.3, -1, 0.1}));
-            b.rays[i].flux.w = (float)sum3(b.rays[i].flux);
-            b.rays[i].state |= (i & 3) << 14 | (i >> 2) << 16;
-        }
-        run_bounce(&b);
-        check_ledger(&b);
+    for (uint32_t test = 0; test < 5; test++) {
+        const uint32_t had = test < 3 ? 1 : 2, apart = test < 3 ? 1u << test : 2u << (test - 3);
+        const double counts[3][2] = {{STRATA_U, STRATA_V}, {3, 2}, {1, 1}};
+        struct bounce b = bounce_of(had == 1 ? STRATA_U * STRATA_V : 3 * 2);
+        b.density = DENSITY_SQRT_RULE;
         struct model_hit hit;
-        struct vector o = vector_of(b.before[0].origin), d = model_unit(vector_of(b.before[0].direction));
+        for (uint32_t i = 0; i < b.count; i++) {
+            random_state = 15; /* the same ray in every stratum that is left */
+            fill_ray(&b.rays[i], (struct vector){0.1, 4, 0.2}, model_unit((struct vector){0.3, -1, 0.1}));
+            b.rays[i].state |= (i < 6 ? 1u << 14 : 0) | (i == 4 ? 1u << 15 : 0) | (had / 2) << 22;
+        }
+        struct vector o = vector_of(b.rays[0].origin), d = model_unit(vector_of(b.rays[0].direction));
         assert_true(model_trace(o, d, &hit) && hit.part == MODEL_SLAB);
         double r = model_reflectance(model_turn_of(&hit, o, d, MODEL_REFLECT).cos_i,
                                      (double)model_materials[MODEL_SLAB].color_ior.w);
+        double step = apart / had, whole = b.count * sum3(b.rays[0].flux);
+        for (uint32_t i = 0; i < b.count; i++)
+            b.rays[i].flux.w = (float)(r * sum3(b.rays[i].flux) * step * step / (0.15 * 1.1));
+        run_bounce(&b);
+        check_ledger(&b);
         double weak = 0, strong = 0, area = 0;
+        double wider[2] = {counts[had / 2][0] / counts[apart / 2][0],
+                           counts[had / 2][1] / counts[apart / 2][1]};
         for (uint32_t i = 0; i < b.count; i++) {
-            bool carries = (i & 3) % step == 0 && (i >> 2) % step == 0;
+            bool carries = apart == had || i < 6 * (apart == 2) || (apart == 4 && i == 4);
             assert_int_equal(b.outcomes[i], carries ? 3 : 1);
             strong += sum3(b.children[2 * i].flux);
+            assert_int_equal(b.children[2 * i].state >> 22, had / 2);
             if (!carries)
                 continue;
             const struct photon_ray *child = &b.children[2 * i + 1];
+            assert_int_equal(child->state >> 22, apart / 2);
             weak += sum3(child->flux);
             area += model_length(vector_cross(read_p(child, 0), read_p(child, 1)));
-            struct vector main_u = read_p(&b.children[2 * i], 0);
-            assert_close(model_length(read_p(child, 0)), step * model_length(main_u),
-                         1e-5 * model_length(main_u));
+            for (int axis = 0; axis < 2; axis++) {
+                double of_main = model_length(read_p(&b.children[2 * i], axis));
+                assert_close(model_length(read_p(child, axis)), wider[axis] * of_main, 1e-5 * of_main);
+            }
         }
-        double whole = 16 * sum3(b.before[0].flux),
-               one = model_length(vector_cross(read_p(&b.children[0], 0), read_p(&b.children[0], 1)));
+        double one = model_length(vector_cross(read_p(&b.children[0], 0), read_p(&b.children[0], 1)));
         assert_close(weak, whole * r, 1e-5 * whole);
         assert_close(strong, whole * (1 - r), 1e-5 * whole);
-        assert_close(area, 16 * one, 1e-4 * one); /* their footprints still tile the beam */
+        assert_close(area, b.count * one, 1e-4 * b.count * one); /* their footprints still tile the beam */
         bounce_free(&b);
     }
 }
@@ -563,12 +578,9 @@ static void grazing_exit_stays_finite(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(one_bounce_follows_the_model),
-        cmocka_unit_test(roulette_is_fair),
-        cmocka_unit_test(split_once_says_what_it_loses),
-        cmocka_unit_test(thinned_branches_are_carried_by_one),
-        cmocka_unit_test(ends_of_paths_are_told_apart),
-        cmocka_unit_test(grazing_exit_stays_finite),
+        cmocka_unit_test(one_bounce_follows_the_model),  cmocka_unit_test(roulette_is_fair),
+        cmocka_unit_test(split_once_says_what_it_loses), cmocka_unit_test(dim_branches_are_carried_by_few),
+        cmocka_unit_test(ends_of_paths_are_told_apart),  cmocka_unit_test(grazing_exit_stays_finite),
     };
     return cmocka_run_group_tests(tests, set_up, tear_down);
 }

@@ -122,7 +122,7 @@ static void make_photons(struct picture *p)
         photon->center = (vec4){(float)between(-15, WIDTH + 15), (float)between(-15, HEIGHT + 15), 0, 0};
         photon->density = (vec4){(float)between(0.1, 4), (float)between(0.1, 4), (float)between(0.1, 4),
                                  (float)between(0.02, 0.2)};
-        photon->cell = i % 11 ? i % 5 | (i % 2 ? CELL_WEAK : 0) : NONE;
+        photon->cell = i % 11 ? i % 5 | i % 3 << CELL_SPACING_SHIFT : NONE;
         if (i % 5 == 0) {
             photon->ellipse = (vec4){(float)between(0, 1), (float)between(0, 1), 0, -1};
             continue;

@@ -590,13 +590,59 @@ static void the_mask_misses_nothing(void **state)
     }
 }
 
+/* Of n strata along a side of a cell, floor(n / 2) follow branches of spacing 2 and half of those branches of
+ * spacing 4, at least one. Each is the middle of its group, so that no stratum is farther from one than half
+ * a group. */
+static void few_strata_follow_dim_branches(void **state)
+{
+    (void)state;
+    static const uint32_t all[] = {1, 2, 3, 4, 5, 7, 8, 13};
+    struct light_gpu light = light_of(LIGHT_TYPE_POINT, TILE_CAP, (struct vector){0, -1, 0}, 0.8);
+    for (uint32_t test = 0; test < sizeof all / sizeof *all; test++) {
+        const uint32_t n = all[test];
+        uint32_t *sides = equal_sides(2, n);
+        struct emission e = emit(&light, 2, sides);
+        uint32_t count = n;
+        for (uint32_t bit = 14; bit < 16; bit++) {
+            uint32_t last_count = count, found = 0;
+            count = count / 2 > 1 ? count / 2 : 1;
+            double reach = 0; /* from any stratum to the nearest that follows, along u in row y */
+            for (uint32_t y = 0; y < n; y++) {
+                uint32_t in_row = 0;
+                for (uint32_t x = 0; x < n; x++)
+                    in_row += e.rays[y * n + x].state >> bit & 1;
+                found += in_row;
+                for (uint32_t x = 0; x < n && in_row; x++) {
+                    double nearest = n;
+                    for (uint32_t k = 0; k < n; k++)
+                        if (e.rays[y * n + k].state >> bit & 1)
+                            nearest = fmin(nearest, fabs((double)x - k));
+                    reach = fmax(reach, nearest);
+                }
+            }
+            assert_int_equal(found, count * count);
+            assert_true(reach <= (bit == 14 ? 0.5 : 1) * n / count + (bit == 14 ? 0.5 : 1));
+            assert_true(count <= last_count);
+        }
+        for (uint32_t i = 0; i < e.count; i++) /* the fewer are among the many */
+            assert_true(!(e.rays[i].state >> 15 & 1) || e.rays[i].state >> 14 & 1);
+        free(e.rays);
+        free(sides);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(caps_are_equal_area),         cmocka_unit_test(the_octahedron_is_equal_area),
-        cmocka_unit_test(directions_are_uniform),      cmocka_unit_test(spots_fall_off),
-        cmocka_unit_test(density_leaves_flux_alone),   cmocka_unit_test(beams_cover_their_rectangle),
-        cmocka_unit_test(insets_take_what_they_cover), cmocka_unit_test(the_mask_misses_nothing),
+        cmocka_unit_test(caps_are_equal_area),
+        cmocka_unit_test(the_octahedron_is_equal_area),
+        cmocka_unit_test(directions_are_uniform),
+        cmocka_unit_test(spots_fall_off),
+        cmocka_unit_test(density_leaves_flux_alone),
+        cmocka_unit_test(beams_cover_their_rectangle),
+        cmocka_unit_test(insets_take_what_they_cover),
+        cmocka_unit_test(the_mask_misses_nothing),
+        cmocka_unit_test(few_strata_follow_dim_branches),
     };
     return cmocka_run_group_tests(tests, set_up, tear_down);
 }
