@@ -14,6 +14,8 @@ layout(std430, binding = BINDING_PASS + 3) readonly buffer old_buffer { float ol
 layout(std430, binding = BINDING_PASS + 4) buffer density_buffer { float density[]; }; // holds the wishes at first
 layout(std430, binding = BINDING_PASS + 5) writeonly buffer variance_buffer { float variance[]; };
 
+const float CHANGE_TRUST = 4.0; // per relative change of the picture
+
 void main()
 {
     uint cell = gl_GlobalInvocationID.x;
@@ -34,10 +36,13 @@ void main()
         else
             suggested = density[cell] * counters.suggestion_scale;
         suggested /= frame.target_area;
+        float trust = frame.temporal_weight;
         if (has(FEATURE_VARIANCE)) {
             float change = fixed_value_of(feedback[cell].change_low, feedback[cell].change_high) * (1.0 / 16777216.0);
             suggested += frame.variance_gain * change;
             variance[cell] = change;
+            // where the picture is another one, what it was does not count: after a jump the loop settles in two frames
+            trust = min(trust * (1.0 + CHANGE_TRUST * change), 1.0);
         }
         suggested = density_guard(suggested);
 
@@ -55,7 +60,7 @@ void main()
             sum += old_density[neighbour];
             weight += 1.0;
         }
-        value = mix(sum / weight, suggested, frame.temporal_weight);
+        value = mix(sum / weight, suggested, trust);
     }
     density[cell] = max(density_guard(value), float(frame.min_samples));
 }

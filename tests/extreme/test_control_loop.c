@@ -21,14 +21,6 @@ static const struct view_camera camera = {.eye = {0, 5, 4}, .at = {0, 0, 0}, .up
 static const struct ball glass = {.centre = {0, 1, 0}, .radius = 0.5, .kind = MATERIAL_DIELECTRIC};
 static const struct ball_light lamp = {.position = {0.3, 4, 0.2}, .intensity = GREY(1)};
 
-/* The figures this file holds are those of the rule whose shares can be written down, roots of area times
- * flux. What the default rule does differently is in docs/limits.md. */
-static void open_stage(struct truth *stage, const struct balls_params *params)
-{
-    balls_open(stage, params);
-    truth_set(stage, "density=sqrt");
-}
-
 static struct balls_params of(const struct ball *balls, uint32_t ball_count, const struct ball_light *lights,
                               uint32_t light_count, const char *settings)
 {
@@ -100,7 +92,7 @@ static void totals_settle(void **state)
     (void)state;
     struct truth stage;
     struct balls_params params = of(&glass, 1, &lamp, 1, NULL);
-    open_stage(&stage, &params);
+    balls_open(&stage, &params);
     static const int budgets[] = {1, 100, 8192};
     static const double areas[] = {1e-3, 0.1, 1e5}, gains[] = {0, 2, 1e6}, weights[] = {0, 0.5, 1};
     for (size_t b = 0; b < COUNT_OF(budgets); b++)
@@ -129,7 +121,7 @@ static void the_largest_budget_is_kept(void **state)
     (void)state;
     struct truth stage;
     struct balls_params params = of(&glass, 1, &lamp, 1, NULL);
-    open_stage(&stage, &params);
+    balls_open(&stage, &params);
     char settings[128];
     uint32_t most = renderer_limits(stage.renderer)->max_photons;
     snprintf(settings, sizeof settings,
@@ -157,7 +149,7 @@ static void the_floor_keeps_to_the_budget(void **state)
     for (int i = 0; i < LIGHTS; i++)
         lights[i] = (struct ball_light){.position = {0.2 * i - 1.5, 4, 0.2}, .intensity = GREY(1)};
     struct balls_params params = of(&glass, 1, lights, LIGHTS, NULL);
-    open_stage(&stage, &params);
+    balls_open(&stage, &params);
     static const char *const settings[] = {"photons=16 min_samples=64", "photons=100 min_samples=64",
                                            "photons=1000 min_samples=3", "photons=4096 min_samples=64"};
     for (size_t i = 0; i < COUNT_OF(settings); i++) {
@@ -243,7 +235,7 @@ static void a_caster_appears(void **state)
         char settings[64];
         snprintf(settings, sizeof settings, "photons=%d", cases[i].photons);
         struct balls_params params = of(balls, 2, &lamp, 1, settings);
-        open_stage(&stage, &params);
+        balls_open(&stage, &params);
         const float *before =
             truth_channel(truth_render(&stage, 6, 1u << CHANNEL_IRRADIANCE), CHANNEL_IRRADIANCE);
         double dark = balls_floor_flux(&stage, before, WIDTH / 2 + 4, WIDTH);
@@ -260,7 +252,7 @@ static void light_and_camera_jump(void **state)
     struct truth stage;
     struct error error;
     struct balls_params params = of(&glass, 1, &lamp, 1, "photons=8192");
-    open_stage(&stage, &params);
+    balls_open(&stage, &params);
     const uint32_t channel = 1u << CHANNEL_IRRADIANCE;
     truth_render(&stage, 6, channel);
     const struct view_light moved = {.overrides = LIGHT_OVERRIDE_POSITION, .position = {-1, 3.5f, -1}};
@@ -287,9 +279,9 @@ static void light_and_camera_jump(void **state)
 
 /* ---- several lights ------------------------------------------------------------------------------------ */
 
-/* Photons go where the square root of flux times area says. What every lit light keeps whatever it shows:
- * min_samples in each cell that can meet a caster, which is a 16th to a quarter of an even share of the
- * budget (as far as `cells` allows), times the part of its tile that casters fill. */
+/* With density=sqrt photons go where the square root of flux times area says. What every lit light keeps
+ * whatever it shows: min_samples in each cell that can meet a caster, which is a 16th to a quarter of an even
+ * share of the budget (as far as `cells` allows), times the part of its tile that casters fill. */
 static void lights_share_by_what_they_show(void **state)
 {
     (void)state;
@@ -303,8 +295,8 @@ static void lights_share_by_what_they_show(void **state)
     enum { BUDGET = 16384 };
     struct truth stage;
     struct error error;
-    struct balls_params params = of(balls, 2, lights, 2, "photons=16384");
-    open_stage(&stage, &params);
+    struct balls_params params = of(balls, 2, lights, 2, "photons=16384 density=sqrt");
+    balls_open(&stage, &params);
     struct view_camera wide = camera, left = camera;
     wide.eye[1] = 9;
     left.eye[0] = left.at[0] = -3;
@@ -352,7 +344,7 @@ static void a_dim_light_beside_a_bright_one(void **state)
     struct truth stage;
     struct balls_params params = of(balls, 2, lights, 2, "photons=32768");
     params.camera.eye[1] = 7;
-    open_stage(&stage, &params);
+    balls_open(&stage, &params);
     const uint32_t channel = 1u << CHANNEL_IRRADIANCE;
     float both[VALUES];
     memcpy(both, truth_channel(truth_render(&stage, 6, channel), CHANNEL_IRRADIANCE), sizeof both);

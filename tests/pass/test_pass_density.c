@@ -201,8 +201,9 @@ static double model_wish(const struct task_buffers *last, uint32_t cell, double 
     return sqrt(pow(u * v, 0.25) * sqrt(k * m / last->costs[cell]));
 }
 
-/* design 5: D' = (area or scaled root) / A_t + g v; w_t D' + (1 - w_t) of the neighbourhood's mean, in which
- * the cell counts as much as four neighbours. */
+/* design 5: D' = (area or scaled root) / A_t + g v; w D' + (1 - w) of the neighbourhood's mean, in which
+ * the cell counts as much as four neighbours; w is w_t, up to five times as much by how much the picture
+ * changed. */
 static double model_update(const struct task_buffers *b, const struct task_buffers *last, uint32_t cell)
 {
     const struct frame_gpu *frame = &b->frame;
@@ -230,9 +231,9 @@ static double model_update(const struct task_buffers *b, const struct task_buffe
         assert_close((double)b->aspect[cell], aspect, 1e-5);
     }
     suggested /= (double)frame->target_area;
+    double change = pass_fixed(b->feedback[cell].change_low, b->feedback[cell].change_high) / 16777216;
     if (b->features & FEATURE_VARIANCE)
-        suggested += (double)frame->variance_gain *
-                     pass_fixed(b->feedback[cell].change_low, b->feedback[cell].change_high) / 16777216;
+        suggested += (double)frame->variance_gain * change;
     pass_morton_place(cell - tile, &x, &y);
     double sum = 4 * (double)b->old_density[cell], weight = 4;
     const int moves[4][2] = {{1, 0}, {-1, 0}, {0, 1}, {0, -1}};
@@ -247,6 +248,8 @@ static double model_update(const struct task_buffers *b, const struct task_buffe
         }
     }
     double w = (double)frame->temporal_weight;
+    if (b->features & FEATURE_VARIANCE)
+        w = fmin(w * (1 + 4 * change), 1);
     return fmax(w * suggested + (1 - w) * sum / weight, frame->min_samples);
 }
 
