@@ -1,9 +1,9 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 // gbuffer.comp: the surface every pixel shows: the first receiver, seen directly or through glass and mirrors, with
-// direct light where somebody asked for it.
+// direct light where somebody asked for it. PHASE 1: the samples of broken pixels, chain points only.
 //
-// Reads   scene, lights
+// Reads   scene, lights; broken pixels
 // Writes  surfaces, targets of splats; chain points where somebody wants caustics seen through glass and mirrors
 // Source  design 4 (radiance across interfaces), 8 (dominant branch); aaps-thesis 3.1.1
 #include "frame.glsl"
@@ -16,14 +16,18 @@
 #include "scene_differentials.glsl"
 #include "lookup.glsl"
 layout(local_size_x = 8, local_size_y = 8) in;
+layout(constant_id = 8) const uint PHASE = 0u;
 layout(std430, binding = BINDING_PASS) writeonly buffer surface_buffer { surface_gpu surfaces[]; };
 layout(std430, binding = BINDING_PASS + 1) writeonly buffer target_buffer { target_gpu targets[]; };
 layout(std430, binding = BINDING_PASS + 2) writeonly buffer chain_buffer { chain_point chains[]; };
 layout(std430, binding = BINDING_PASS + 3) writeonly buffer weight_buffer { vec4 weights[]; };
+layout(std430, binding = BINDING_PASS + 4) readonly buffer lookup_buffer { lookup_gpu lookup; };
+layout(std430, binding = BINDING_PASS + 5) readonly buffer broken_buffer { uint broken[]; };
 
-const float REACH_MAX = 4.0; // of a pixel's axes on a surface, against the same distance seen straight
+const float REACH_MAX = 16.0; // of a pixel's axes on a surface, against the same distance seen straight
 const float LEAST_REACH = 0.125; // of a point for the grid, px of the same distance seen straight
-const float STRETCH_MAX = 4.0; // and of one against the other
+const float STRETCH_MAX = 16.0; // and of one against the other
+const vec2 SAMPLE_STEP = vec2(0.7548776662, 0.5698402910); // of Roberts' sequence: even for any number of samples
 const float BRANCH_SHARE_MIN = 1e-3; // of the light at the first glass, for the weaker branch to be followed
 
 // Where a camera's ray goes on after a specular surface.
@@ -72,7 +76,8 @@ differential camera_differential(vec3 ray, vec3 direction)
     return x;
 }
 
-chain_point make_chain_point(vec3 relative, vec3 normal, differential x, vec3 throughput)
+// `share`: of the pixel, when it has several samples.
+chain_point make_chain_point(vec3 relative, vec3 normal, differential x, vec3 throughput, float share)
 {
     chain_point point;
     vec3 a = frame.lookup_filter * x.p_u, b = frame.lookup_filter * x.p_v;
@@ -88,7 +93,8 @@ chain_point make_chain_point(vec3 relative, vec3 normal, differential x, vec3 th
     point.position_normal = vec4(relative, uintBitsToFloat(pack_normal(normal)));
     // Magnified without end, a point would ask for cells so fine that no photon could be walked through them.
     float least = LEAST_REACH * sqrt(dot(relative, relative) * frame.forward.w);
-    point.axes = pack_axes(a, b, least, channel_sum(throughput) / 3.0);
+    float scale = sqrt(share);
+    point.axes = pack_axes(scale * a, scale * b, scale * least, channel_sum(throughput) * share / 3.0);
     return point;
 }
 
@@ -127,10 +133,22 @@ chain_step pass_glass(chain_step at, surface s, vec3 geometric, vec3 normal, flo
 void main()
 {
     uvec2 place = gl_GlobalInvocationID.xy;
-    if (place.x >= frame.width || place.y >= frame.height)
+    uint number = place.y * frame.width + place.x, layer_size = frame.width * frame.height;
+    vec2 within = vec2(0.5); // its pixel
+    float share = 1.0;       // of its pixel
+    if (PHASE == 1u) {
+        uint each = samples_each(lookup.broken), sample_number = GROUP_SIZE * gl_WorkGroupID.x + gl_LocalInvocationIndex;
+        if (each < 2u || sample_number >= each * lookup.broken)
+            return;
+        uint pixel = broken[sample_number / each];
+        place = uvec2(pixel % frame.width, pixel / frame.width);
+        within = fract(0.5 + float(sample_number % each) * SAMPLE_STEP);
+        share = 1.0 / float(each);
+        number = sample_first() + sample_number;
+        layer_size = frame.sample_capacity;
+    } else if (place.x >= frame.width || place.y >= frame.height)
         return;
-    uint pixel = place.y * frame.width + place.x;
-    vec3 ray = camera_ray(vec2(place) + 0.5);
+    vec3 ray = camera_ray(vec2(place) + within);
     chain_step at;
     at.origin = frame.eye.xyz;
     at.direction = normalize(ray);
@@ -190,6 +208,8 @@ void main()
                 differential_transfer(at.x, at.direction, hit.t, geometric, guard);
             result.radiance.xyz += at.throughput * surface_emission(s);
 
+            if (material.kind != KIND_DIFFUSE)
+                point.axes.w = 1u;
             if (material.kind == KIND_DIFFUSE) {
                 vec3 albedo = surface_color(s);
                 vec3 relative = bounce == 0u ? at.direction * hit.t : s.position - frame.eye.xyz;
@@ -198,13 +218,13 @@ void main()
                     result.normal = vec4(normal, bounce == 0u ? 1.0 : 2.0);
                     result.albedo = vec4(albedo, 0.0);
                 }
-                if (has(FEATURE_BEAUTY))
+                if (has(FEATURE_BEAUTY) && PHASE == 0u)
                     result.radiance.xyz += at.throughput * direct_radiance(s.position, geometric, normal, albedo);
                 if (bounce == 0u)
                     target.position_normal = vec4(relative, uintBitsToFloat(pack_normal(geometric)));
                 else if (has(FEATURE_LOOKUP)) {
-                    point = make_chain_point(relative, geometric, at.x, at.throughput);
-                    weight = at.throughput * albedo / PI;
+                    point = make_chain_point(relative, geometric, at.x, at.throughput, share);
+                    weight = at.throughput * albedo * (share / PI);
                 }
                 break;
             }
@@ -240,13 +260,14 @@ void main()
             at.direction = normalize(at.direction);
         }
         if (has(FEATURE_LOOKUP)) {
-            uint number = layer * frame.width * frame.height + pixel;
-            chains[number] = point;
-            weights[number] = vec4(weight, 0.0);
+            chains[number + layer * layer_size] = point;
+            weights[number + layer * layer_size] = vec4(weight, 0.0);
         }
         if (weaker_bounce == NONE)
             weaker_bounce = frame.camera_bounces + 1u; // nothing to follow in the second layer
     }
-    surfaces[pixel] = result;
-    targets[pixel] = target;
+    if (PHASE == 0u) {
+        surfaces[number] = result;
+        targets[number] = target;
+    }
 }

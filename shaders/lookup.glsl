@@ -35,6 +35,18 @@ float axes_throughput(uvec4 axes)
     return float(axes.w & 0xfffu) * (1.0 / THROUGHPUT_STEP);
 }
 
+// Lists of chain points: shared/lookup_layout.h.
+uint sample_first()
+{
+    return frame.width * frame.height * frame.camera_branches;
+}
+
+// Samples of each broken pixel; 1: there are too many of them for more.
+uint samples_each(uint broken_count)
+{
+    return max(min(frame.camera_samples, frame.sample_capacity / max(broken_count, 1u)), 1u);
+}
+
 bool chain_exists(chain_point point)
 {
     return floatBitsToUint(point.position_normal.w) != NONE;
@@ -94,4 +106,13 @@ float lookup_kernel(vec3 offset, vec3 normal, vec3 t1, vec3 t2, vec4 photon, uin
     float r2 = (cyy * o.x * o.x - 2.0 * cxy * o.x * o.y + cxx * o.y * o.y) / det;
     bool takes = r2 < 1.0 && abs(dot(offset, normal)) <= photon.w + 0.25 * reach && dot(unpack_normal(point_normal), normal) > 0.5;
     return takes ? 2.0 * (1.0 - r2) / (PI * sqrt(det)) : 0.0;
+}
+
+// The part of a pixel that a photon whose stratum's image has this area shows there, from its kernel k, in
+// 1/LOOKUP_SHARE_UNITS; never 0.
+const float LOOKUP_SHARE_UNITS = 1048576.0;
+
+uint lookup_share(float k, float area, uvec4 axes)
+{
+    return max(uint(min(k * area * axes_throughput(axes) * LOOKUP_SHARE_UNITS, 4.0e9)), 1u);
 }

@@ -2,6 +2,7 @@
 //
 // Reads   seen[]; Writes  sums[], photons[], lookup.count[]
 // Source  design 5 (feedback), 8
+#include "lookup_report.glsl"
 
 struct {
     vec3 position, normal, t1, t2;
@@ -53,12 +54,9 @@ void give(chain_point point, uint place)
             ADD_FIXED(sums[2u * place], sums[2u * place + 1u], value.x, is_exact);
             gave.overflow += is_exact ? 0u : 1u;
         }
-        if (DENSITY != DENSITY_UNIFORM_RULE) {
-            float share = min(k * giver.area * axes_throughput(point.axes) * 1048576.0, 4.0e9);
-            uint carry;
-            gave.share_low = uaddCarry(gave.share_low, uint(share), carry);
-            gave.share_high += carry;
-        }
+        uint carry;
+        gave.share_low = uaddCarry(gave.share_low, lookup_share(k, giver.area, point.axes), carry);
+        gave.share_high += carry;
     }
 }
 
@@ -75,17 +73,7 @@ void give_end(bool is_looked_up, uint index)
             atomicAdd(group_gave[4], gave.guard);
         if (gave.overflow != 0u)
             atomicAdd(lookup.count[LOOKUP_COUNT_OVERFLOW], gave.overflow);
-        float area = fixed_value_of(gave.share_low, gave.share_high) * (1.0 / 1048576.0);
-        if (DENSITY != DENSITY_UNIFORM_RULE && area > 0.0) {
-            // it is seen so beside, or instead of, directly
-            bool is_drawn = photons[index].cell != NONE;
-            photons[index].area = photon_area((is_drawn ? photons[index].area : 0.0) + area);
-            photons[index].root = photon_root(photons[index].area, channel_sum(seen[index].flux.xyz));
-            if (!is_drawn) {
-                photons[index].cell = seen[index].cell;
-                photons[index].center = vec4(-1.0); // no pixel of its own to compare with the last frame's
-            }
-        }
+        report(index, uvec2(gave.share_low, gave.share_high));
     }
     barrier();
     if (gl_LocalInvocationIndex == 0u && group_gave[0] != 0u) {

@@ -19,7 +19,8 @@ layout(std430, binding = BINDING_PASS + 3) buffer mark_buffer { uint marks[]; };
 layout(std430, binding = BINDING_PASS + 4) buffer place_buffer { uvec2 places[]; };
 layout(std430, binding = BINDING_PASS + 5) writeonly buffer sorted_buffer { chain_point sorted[]; };
 
-shared uint group_part[GROUP_SIZE];
+#include "lookup_points.glsl"
+#include "hand_out.glsl"
 
 // Finds the slot of the point's cell at this level, claiming a free one; NONE when LOOKUP_PROBES slots are others'.
 uint claim(uint number, vec3 position, uint level)
@@ -73,34 +74,17 @@ void insert(uint number)
     places[number] = place;
 }
 
-// One addition to the list's length per workgroup.
-void hand_out(uint slot)
-{
-    uint i = gl_LocalInvocationIndex;
-    uint count = slot < frame.lookup_slots ? cells[slot].count : 0u;
-    group_part[i] = count;
-    barrier();
-    uint before = 0u, all = 0u;
-    for (uint k = 0u; k < GROUP_SIZE; k++) {
-        before += k < i ? group_part[k] : 0u;
-        all += group_part[k];
-    }
-    barrier();
-    if (i == 0u)
-        group_part[0] = all > 0u ? atomicAdd(lookup.first, all) : 0u;
-    barrier();
-    if (count > 0u)
-        cells[slot].first = group_part[0] + before;
-}
-
 void main()
 {
     uint index = gl_GlobalInvocationID.x;
     if (PHASE == 1u) {
-        hand_out(index);
+        uint count = index < frame.lookup_slots ? cells[index].count : 0u;
+        uint first = hand_out(count);
+        if (count > 0u)
+            cells[index].first = first;
         return;
     }
-    if (index >= frame.width * frame.height * frame.camera_branches)
+    if (!point_is_used(index))
         return;
     if (PHASE == 0u) {
         insert(index);

@@ -129,7 +129,9 @@ void features_find(const struct view *view, uint32_t channel_mask, struct featur
     if (features->needs_caustics) {
         features->bits |= FEATURE_CAUSTICS;
         if (!features->no_lookup_reason)
-            features->bits |= FEATURE_LOOKUP | (view->settings.camera_branches > 1 ? FEATURE_BRANCHES : 0);
+            features->bits |=
+                FEATURE_LOOKUP | (view->settings.camera_branches > 1 ? FEATURE_BRANCHES : 0) |
+                (view->settings.camera_samples > 1 && view->settings.accumulate == 1 ? FEATURE_SAMPLES : 0);
     } else
         features->bits &= ~(FEATURE_VARIANCE | FEATURE_TEXTURED_FLUX | FEATURE_CHROMATIC | FEATURE_SOFT |
                             FEATURE_ROUGH | FEATURE_DISPERSION);

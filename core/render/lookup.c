@@ -63,9 +63,18 @@ const char *lookup_reason_against(const struct view *view, uint32_t channel_mask
 
 /* ---- a frame ------------------------------------------------------------------------------------------- */
 
+/* Samples of all broken pixels together: 8 of every 16th pixel, of small pictures 8 of 2,048. Beyond it
+ * pixels get fewer. */
+static size_t sample_capacity(const struct view *view)
+{
+    size_t half = (size_t)view->width * view->height / 2;
+    return !(view->features.bits & FEATURE_SAMPLES) ? 0 : half < 16384 ? 16384 : half;
+}
+
 static size_t point_count(const struct view *view)
 {
-    return (size_t)view->width * view->height * (view->features.bits & FEATURE_BRANCHES ? 2 : 1);
+    size_t branches = view->features.bits & FEATURE_BRANCHES ? 2 : 1;
+    return ((size_t)view->width * view->height + sample_capacity(view)) * branches;
 }
 
 /* A cell mostly holds several points: as many slots as points leave more than half of them free. */
@@ -96,6 +105,15 @@ void lookup_fill(const struct view *view, uint32_t subframe_count, struct frame_
     data->lookup_filter = view->settings.filter_radius * (subframe_count > 1 ? 0.25f : 1);
     data->lookup_slots = slot_count(view);
     data->camera_branches = view->features.bits & FEATURE_BRANCHES ? 2 : 1;
+    data->camera_samples =
+        view->features.bits & FEATURE_SAMPLES ? (uint32_t)view->settings.camera_samples : 1;
+    data->sample_capacity = (uint32_t)sample_capacity(view);
+}
+
+/* lookup=auto is the grid: the tree was slower on every view measured (docs/aaps.md). */
+static bool uses_tree(const struct view *view)
+{
+    return view->settings.lookup == LOOKUP_AS;
 }
 
 bool lookup_prepare(struct view *view)
@@ -106,20 +124,51 @@ bool lookup_prepare(struct view *view)
     return view_buffer(view, BUFFER_CHAINS, points * sizeof(struct chain_point)) &&
            view_buffer(view, BUFFER_CHAIN_WEIGHTS, points * sizeof(vec4)) &&
            view_buffer(view, BUFFER_CHAIN_PLACES, points * 2 * sizeof(uint32_t)) &&
+           (!(view->features.bits & FEATURE_SAMPLES) ||
+            view_buffer(view, BUFFER_BROKEN, pixels * 2 * sizeof(uint32_t))) &&
            view_buffer(view, BUFFER_LOOKUP, sizeof(struct lookup_gpu)) &&
            view_buffer(view, BUFFER_READBACK_LOOKUP, sizeof(struct lookup_gpu)) &&
-           view_buffer(view, BUFFER_LOOKUP_CELLS, slot_count(view) * sizeof(struct lookup_cell)) &&
-           view_buffer(view, BUFFER_LOOKUP_MARKS, LOOKUP_MARK_WORDS * sizeof(uint32_t)) &&
-           view_buffer(view, BUFFER_LOOKUP_POINTS, points * sizeof(struct chain_point)) &&
+           (uses_tree(view)
+                ? view_buffer(view, BUFFER_TREE_NODES, TREE_NODES * sizeof(struct tree_node)) &&
+                      view_buffer(view, BUFFER_TREE_PLACES, photons * 2 * sizeof(uint32_t)) &&
+                      view_buffer(view, BUFFER_TREE_ORDER, photons * sizeof(struct tree_photon)) &&
+                      view_buffer(view, BUFFER_TREE_POINTS, points * sizeof(uint32_t)) &&
+                      view_buffer(view, BUFFER_TREE_SHARES, photons * 2 * sizeof(uint32_t))
+                : view_buffer(view, BUFFER_LOOKUP_CELLS, slot_count(view) * sizeof(struct lookup_cell)) &&
+                      view_buffer(view, BUFFER_LOOKUP_MARKS, LOOKUP_MARK_WORDS * sizeof(uint32_t)) &&
+                      view_buffer(view, BUFFER_LOOKUP_POINTS, points * sizeof(struct chain_point))) &&
            view_buffer(view, BUFFER_LOOKUP_PHOTONS, photons * sizeof(struct lookup_photon)) &&
            view_buffer(view, BUFFER_LOOKUP_SUMS, points * channels * 2 * sizeof(uint32_t)) &&
            view_buffer(view, BUFFER_INDIRECT, pixels * sizeof(vec4));
 }
 
+static void record_samples(struct view *view, struct gpu_frame *frame)
+{
+    if (!(view->features.bits & FEATURE_SAMPLES))
+        return;
+    for (uint32_t phase = 0; phase < 2; phase++)
+        view_dispatch(view, frame,
+                      &(struct view_dispatch){.shader = "lookup_break.comp",
+                                              .phase = phase,
+                                              .groups = {groups_of(view->width * view->height), 1},
+                                              USES({BINDING_PASS, GPU_READ_WRITE, BUFFER_LOOKUP},
+                                                   {BINDING_PASS + 1, GPU_READ_WRITE, BUFFER_CHAINS},
+                                                   {BINDING_PASS + 2, GPU_READ_WRITE, BUFFER_BROKEN})});
+    gbuffer_record_samples(view, frame);
+}
+
+static void zero(struct view *view, struct gpu_frame *frame, enum view_buffer buffer)
+{
+    gpu_record_fill(frame, view->buffers[buffer], 0, view->asked[buffer], 0);
+}
+
+/* Photons look for points. */
 static void record_grid(struct view *view, struct gpu_frame *frame)
 {
     const uint32_t groups[3] = {groups_of((uint32_t)point_count(view)), groups_of(slot_count(view)),
                                 groups_of((uint32_t)point_count(view))};
+    zero(view, frame, BUFFER_LOOKUP_CELLS);
+    zero(view, frame, BUFFER_LOOKUP_MARKS);
     for (uint32_t phase = 0; phase < 3; phase++)
         view_dispatch(view, frame,
                       &(struct view_dispatch){.shader = "lookup_grid.comp",
@@ -131,16 +180,6 @@ static void record_grid(struct view *view, struct gpu_frame *frame)
                                                    {BINDING_PASS + 3, GPU_READ_WRITE, BUFFER_LOOKUP_MARKS},
                                                    {BINDING_PASS + 4, GPU_READ_WRITE, BUFFER_CHAIN_PLACES},
                                                    {BINDING_PASS + 5, GPU_WRITE, BUFFER_LOOKUP_POINTS})});
-}
-
-void lookup_record(struct view *view, struct gpu_frame *frame)
-{
-    const enum view_buffer zeroed[] = {BUFFER_LOOKUP, BUFFER_LOOKUP_CELLS, BUFFER_LOOKUP_MARKS,
-                                       BUFFER_LOOKUP_SUMS};
-    gpu_pass_begin(frame, "lookup");
-    for (size_t i = 0; i < sizeof zeroed / sizeof *zeroed; i++)
-        gpu_record_fill(frame, view->buffers[zeroed[i]], 0, view->asked[zeroed[i]], 0);
-    record_grid(view, frame);
     view_dispatch(view, frame,
                   &(struct view_dispatch){.shader = "lookup.comp",
                                           .indirect = BUFFER_COUNTERS,
@@ -153,13 +192,87 @@ void lookup_record(struct view *view, struct gpu_frame *frame)
                                                {BINDING_PASS + 5, GPU_READ, BUFFER_LOOKUP_POINTS},
                                                {BINDING_PASS + 6, GPU_READ_WRITE, BUFFER_LOOKUP_SUMS},
                                                {BINDING_PASS + 7, GPU_READ_WRITE, BUFFER_PHOTONS})});
+}
+
+/* A phase of photon_tree.comp; `groups` 0: over all photons. */
+static void record_tree_phase(struct view *view, struct gpu_frame *frame, uint32_t phase, uint32_t level,
+                              uint32_t groups)
+{
+    view_dispatch(
+        view, frame,
+        &(struct view_dispatch){.shader = "photon_tree.comp",
+                                .phase = phase,
+                                .has_push = true,
+                                .push = level,
+                                .groups = {groups, 1},
+                                .indirect = BUFFER_COUNTERS,
+                                .indirect_offset = groups ? 0 : offsetof(struct counters_gpu, photon_groups),
+                                USES({BINDING_PASS, GPU_READ_WRITE, BUFFER_COUNTERS},
+                                     {BINDING_PASS + 1, GPU_READ_WRITE, BUFFER_LOOKUP},
+                                     {BINDING_PASS + 2, GPU_READ, BUFFER_CHAINS},
+                                     {BINDING_PASS + 3, GPU_READ, BUFFER_LOOKUP_PHOTONS},
+                                     {BINDING_PASS + 4, GPU_READ_WRITE, BUFFER_TREE_NODES},
+                                     {BINDING_PASS + 5, GPU_READ_WRITE, BUFFER_TREE_PLACES},
+                                     {BINDING_PASS + 6, GPU_WRITE, BUFFER_TREE_ORDER},
+                                     {BINDING_PASS + 7, GPU_READ_WRITE, BUFFER_TREE_POINTS},
+                                     {BINDING_PASS + 8, GPU_WRITE, BUFFER_CHAIN_PLACES})});
+}
+
+/* Points look for photons. */
+static void record_tree(struct view *view, struct gpu_frame *frame)
+{
+    uint32_t points = (uint32_t)point_count(view);
+    zero(view, frame, BUFFER_TREE_NODES);
+    zero(view, frame, BUFFER_TREE_SHARES);
+    record_tree_phase(view, frame, 0, 0, groups_of(points));
+    record_tree_phase(view, frame, 1, 0, 0);
+    record_tree_phase(view, frame, 2, 0, groups_of(TREE_BUCKETS));
+    record_tree_phase(view, frame, 3, 0, 0);
+    for (uint32_t level = 1; level < TREE_LEVELS; level++)
+        record_tree_phase(view, frame, 4, level, groups_of(TREE_BUCKETS >> 3 * level));
     view_dispatch(view, frame,
-                  &(struct view_dispatch){.shader = "lookup_resolve.comp",
-                                          .groups = {groups_of(view->width * view->height), 1},
-                                          USES({BINDING_PASS, GPU_READ, BUFFER_CHAIN_PLACES},
-                                               {BINDING_PASS + 1, GPU_READ, BUFFER_LOOKUP_SUMS},
-                                               {BINDING_PASS + 2, GPU_READ, BUFFER_CHAIN_WEIGHTS},
-                                               {BINDING_PASS + 3, GPU_WRITE, BUFFER_INDIRECT})});
+                  &(struct view_dispatch){.shader = "lookup_gather.comp",
+                                          .groups = {(points + GROUP_SIZE / 8 - 1) / (GROUP_SIZE / 8), 1},
+                                          USES({BINDING_PASS, GPU_READ_WRITE, BUFFER_LOOKUP},
+                                               {BINDING_PASS + 1, GPU_READ, BUFFER_CHAINS},
+                                               {BINDING_PASS + 2, GPU_READ, BUFFER_TREE_POINTS},
+                                               {BINDING_PASS + 3, GPU_READ, BUFFER_TREE_NODES},
+                                               {BINDING_PASS + 4, GPU_READ, BUFFER_TREE_ORDER},
+                                               {BINDING_PASS + 5, GPU_READ, BUFFER_LOOKUP_PHOTONS},
+                                               {BINDING_PASS + 6, GPU_READ_WRITE, BUFFER_LOOKUP_SUMS},
+                                               {BINDING_PASS + 7, GPU_READ_WRITE, BUFFER_TREE_SHARES})});
+    view_dispatch(view, frame,
+                  &(struct view_dispatch){.shader = "lookup_report.comp",
+                                          .indirect = BUFFER_COUNTERS,
+                                          .indirect_offset = offsetof(struct counters_gpu, photon_groups),
+                                          USES({BINDING_PASS, GPU_READ_WRITE, BUFFER_COUNTERS},
+                                               {BINDING_PASS + 1, GPU_READ_WRITE, BUFFER_LOOKUP},
+                                               {BINDING_PASS + 2, GPU_READ, BUFFER_LOOKUP_PHOTONS},
+                                               {BINDING_PASS + 3, GPU_READ, BUFFER_TREE_SHARES},
+                                               {BINDING_PASS + 7, GPU_READ_WRITE, BUFFER_PHOTONS})});
+}
+
+void lookup_record(struct view *view, struct gpu_frame *frame)
+{
+    gpu_pass_begin(frame, "lookup");
+    zero(view, frame, BUFFER_LOOKUP);
+    zero(view, frame, BUFFER_LOOKUP_SUMS);
+    record_samples(view, frame);
+    if (uses_tree(view))
+        record_tree(view, frame);
+    else
+        record_grid(view, frame);
+    view_dispatch(
+        view, frame,
+        &(struct view_dispatch){
+            .shader = "lookup_resolve.comp",
+            .groups = {groups_of(view->width * view->height), 1},
+            USES({BINDING_PASS, GPU_READ, BUFFER_CHAIN_PLACES},
+                 {BINDING_PASS + 1, GPU_READ, BUFFER_LOOKUP_SUMS},
+                 {BINDING_PASS + 2, GPU_READ, BUFFER_CHAIN_WEIGHTS},
+                 {BINDING_PASS + 3, GPU_WRITE, BUFFER_INDIRECT}, {BINDING_PASS + 4, GPU_READ, BUFFER_LOOKUP},
+                 {BINDING_PASS + 5, GPU_READ,
+                  view->features.bits & FEATURE_SAMPLES ? BUFFER_BROKEN : BUFFER_LOOKUP})});
     gpu_record_copy(frame, view->buffers[BUFFER_READBACK_LOOKUP], 0, view->buffers[BUFFER_LOOKUP], 0,
                     sizeof(struct lookup_gpu));
     gpu_pass_end(frame);

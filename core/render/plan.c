@@ -69,6 +69,11 @@ void plan_make(const struct view *view, const struct features *features, uint32_
          !plan->has_photons ? no_photons
          : plan->has_lookup ? "camera_branches is 1"
                             : features->no_lookup_reason);
+    line(plan, "camera samples", plan->has_lookup && (bits & FEATURE_SAMPLES), "camera_samples is above 1",
+         !plan->has_photons         ? no_photons
+         : !plan->has_lookup        ? features->no_lookup_reason
+         : settings->accumulate > 1 ? "accumulate moves camera rays"
+                                    : "camera_samples is 1");
     line(plan, "feedback", plan->has_feedback, "density follows what photons did",
          plan->has_photons ? "density=uniform does not adapt" : no_photons);
     line(plan, "variance", plan->has_variance, "variance_gain is above 0",

@@ -26,7 +26,7 @@ enum splat_aa {
     SPLAT_AA_COVERAGE
 };
 enum depth_test { DEPTH_TEST_PLANE, DEPTH_TEST_MARGIN };
-enum lookup_rule { LOOKUP_AUTO, LOOKUP_OFF, LOOKUP_HASH };
+enum lookup_rule { LOOKUP_AUTO, LOOKUP_OFF, LOOKUP_HASH, LOOKUP_AS };
 enum soft_rule { SOFT_AUTO, SOFT_DIFFERENTIALS, SOFT_SAMPLES };
 enum quality { QUALITY_GOOD, QUALITY_DRAFT, QUALITY_FINAL };
 enum tile_fit { TILE_FIT_CASTERS, TILE_FIT_FULL };
@@ -72,9 +72,11 @@ enum tile_fit { TILE_FIT_CASTERS, TILE_FIT_FULL };
     S(camera_bounces, INT, 0, 32, 8, "", "specular interactions between the camera and the surface it sees") \
     S(camera_branches, INT, 1, 2, 1, "",                                                                     \
       "branches that are followed at the first glass the camera sees: the stronger, or both")                \
-    S(lookup, CHOICE, 0, 2, LOOKUP_AUTO, "auto,off,hash",                                                    \
-      "how caustics seen through glass and mirrors are found: the faster way, not at all, or by a hash "     \
-      "grid")                                                                                                \
+    S(camera_samples, INT, 1, 16, 12, "",                                                                    \
+      "camera rays in a pixel where what glass and mirrors show breaks up within it; 1: one everywhere")     \
+    S(lookup, CHOICE, 0, 3, LOOKUP_AUTO, "auto,off,hash,as",                                                 \
+      "how caustics seen through glass and mirrors are found: the faster way, not at all, by photons in a "  \
+      "hash grid of what is seen, or from what is seen in an acceleration structure of photons")             \
     S(radiance_scaling, BOOL, 0, 1, 1, "",                                                                   \
       "radiance changes by (n_to/n_from)^2 across an interface seen by the camera")                          \
     S(jitter, BOOL, 0, 1, 0, "",                                                                             \

@@ -120,12 +120,18 @@ enum view_buffer {
     BUFFER_CHAINS,
     BUFFER_CHAIN_WEIGHTS,
     BUFFER_CHAIN_PLACES,
+    BUFFER_BROKEN, /* pixels with several camera rays, and each pixel's place among them */
     BUFFER_LOOKUP,
     BUFFER_LOOKUP_CELLS,
     BUFFER_LOOKUP_MARKS,
     BUFFER_LOOKUP_POINTS,
     BUFFER_LOOKUP_PHOTONS,
     BUFFER_LOOKUP_SUMS,
+    BUFFER_TREE_NODES, /* of photons, where points look for them */
+    BUFFER_TREE_PLACES,
+    BUFFER_TREE_ORDER,
+    BUFFER_TREE_POINTS,
+    BUFFER_TREE_SHARES,
     BUFFER_INDIRECT,
     BUFFER_READBACK_LOOKUP,
     BUFFER_SOFT, /* irradiance by differentials, while soft=auto compares */
@@ -333,6 +339,8 @@ float emitter_widening(const struct view *view, const struct light_gpu *light);
 /* A pass: `prepare` asks for buffers, `record` records. */
 bool gbuffer_prepare(struct view *view);
 void gbuffer_record(struct view *view, struct gpu_frame *frame);
+/* The camera rays of broken pixels, once lookup.c found them. */
+void gbuffer_record_samples(struct view *view, struct gpu_frame *frame);
 bool density_prepare(struct view *view);
 void density_record(struct view *view, struct gpu_frame *frame);
 bool photons_prepare(struct view *view);

@@ -37,6 +37,7 @@
 #define FEATURE_TINT          (1u << 23) /* some solid glass has a base colour */
 #define FEATURE_LOOKUP        (1u << 24) /* and wants to see caustics there */
 #define FEATURE_BRANCHES      (1u << 25) /* and both branches of the first glass */
+#define FEATURE_SAMPLES       (1u << 26) /* and several camera rays where what is seen there breaks up */
 #define FEATURE_NESTED        (1u << 30) /* solids overlap: rays keep a list of those they are in */
 #define FEATURE_CONTACT       (1u << 31) /* surfaces of solids lie in other surfaces */
 #define CONSTANT_FEATURES     0
@@ -176,10 +177,12 @@ struct frame_gpu {
     uint lookup_slots;    /* of the grid, a power of two */
     uint camera_branches; /* chain points per pixel */
     uint part_count, old_part_count; /* tiles, insets included; of the last frame */
-    float offset_steps; /* struct scene_extent: how many floats rays are kept off surfaces elsewhere */
-    uint pad0;
+    float offset_steps;   /* struct scene_extent: how many floats rays are kept off surfaces elsewhere */
+    uint camera_samples;  /* most camera rays of a pixel; 1: none but the one through its middle */
+    uint sample_capacity; /* of all pixels together */
+    uint pad0, pad1, pad2;
 };
-SHARED_SIZE(frame_gpu, 384);
+SHARED_SIZE(frame_gpu, 400);
 
 #define FLAG_JITTER           (1u << 0)
 #define FLAG_CASTER_MASK      (1u << 1)

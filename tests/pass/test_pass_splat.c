@@ -9,65 +9,11 @@
 
 enum { WIDTH = 61, HEIGHT = 37, PIXELS = WIDTH * HEIGHT, PHOTONS = 700 };
 
-static struct pass_device *device;
 static uint64_t random_state;
-
-static int set_up(void **state)
-{
-    (void)state;
-    device = pass_device_create();
-    return 0;
-}
-
-static int tear_down(void **state)
-{
-    (void)state;
-    pass_device_destroy(&device);
-    return 0;
-}
 
 static double between(double low, double high)
 {
-    return low + (high - low) * pass_random(&random_state);
-}
-
-/* ---- normals in 2 x 16 bits ---------------------------------------------------------------------------- */
-
-static uint32_t pack_normal(const double n[3])
-{
-    double sum = fabs(n[0]) + fabs(n[1]) + fabs(n[2]), x = n[0] / sum, y = n[1] / sum;
-    if (n[2] < 0) { /* the lower half is folded over the diagonals */
-        double across = x;
-        x = copysign(1 - fabs(y), x);
-        y = copysign(1 - fabs(across), y);
-    }
-    int32_t a = (int32_t)lround(x * 32767), b = (int32_t)lround(y * 32767);
-    return ((uint32_t)a & 0xffff) | (uint32_t)b << 16;
-}
-
-static void unpack_normal(uint32_t bits, double n[3])
-{
-    double x = fmax((int16_t)(bits & 0xffff) / 32767.0, -1), y = fmax((int16_t)(bits >> 16) / 32767.0, -1);
-    n[2] = 1 - fabs(x) - fabs(y);
-    n[0] = n[2] < 0 ? copysign(1 - fabs(y), x) : x;
-    n[1] = n[2] < 0 ? copysign(1 - fabs(x), y) : y;
-    double length = sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
-    for (int k = 0; k < 3; k++)
-        n[k] /= length;
-}
-
-static float bits_float(uint32_t bits)
-{
-    float value;
-    memcpy(&value, &bits, sizeof value);
-    return value;
-}
-
-static uint32_t float_bits(float value)
-{
-    uint32_t bits;
-    memcpy(&bits, &value, sizeof bits);
-    return bits;
+    return pass_between(&random_state, low, high);
 }
 
 /* ---- what is drawn ------------------------------------------------------------------------------------- */
@@ -104,7 +50,7 @@ static void make_targets(struct picture *p)
         p->targets[i].position_normal =
             (vec4){(float)((x + 0.5 - WIDTH * 0.5) / focal * depth),
                    (float)(-(y + 0.5 - HEIGHT * 0.5) / focal * depth), (float)-depth,
-                   bits_float(is_empty ? NONE : pack_normal(normal))};
+                   pass_bits_float(is_empty ? NONE : pass_pack_normal(normal))};
         p->surfaces[i].albedo = (vec4){0.8f, 0.5f, x % 7 ? 0.25f : 0, 0};
     }
 }
@@ -117,8 +63,9 @@ static void make_photons(struct picture *p)
     for (uint32_t i = 0; i < PHOTONS; i++) {
         struct photon *photon = &p->photons[i];
         double depth = i % 3 ? 4 : 3.4;
-        photon->position = (vec4){(float)between(-2, 2), (float)between(-1, 1),
-                                  (float)(-depth + between(-0.05, 0.05)), bits_float(pack_normal(facing))};
+        photon->position =
+            (vec4){(float)between(-2, 2), (float)between(-1, 1), (float)(-depth + between(-0.05, 0.05)),
+                   pass_bits_float(pass_pack_normal(facing))};
         photon->center = (vec4){(float)between(-15, WIDTH + 15), (float)between(-15, HEIGHT + 15), 0, 0};
         photon->density = (vec4){(float)between(0.1, 4), (float)between(0.1, 4), (float)between(0.1, 4),
                                  (float)between(0.02, 0.2)};
@@ -168,29 +115,31 @@ static bool is_quads(const struct picture *p)
 static void draw_quads(struct picture *p)
 {
     memset(p->reached, 0, sizeof p->reached);
-    pass_device_draw(device, &(struct pass_draw){
-                                 .vertex_shader = "splat_quad.vert",
-                                 .fragment_shader = "splat_quad.frag",
-                                 .aa = p->aa,
-                                 .depth = p->depth,
-                                 .width = WIDTH,
-                                 .height = HEIGHT,
-                                 .samples = pass_device_samples(device),
-                                 .per_sample = p->aa != AA_MSAA,
-                                 .vertices = 6 * p->count,
-                                 .picture = p->blended,
-                                 PASS_LISTS({BINDING_FRAME, GPU_READ, &p->frame, sizeof p->frame},
-                                            {BINDING_PASS + 1, GPU_READ, p->targets, sizeof p->targets},
-                                            {BINDING_PASS + 2, GPU_READ, p->photons, sizeof p->photons},
-                                            {BINDING_PASS + 3, GPU_WRITE, p->reached, sizeof p->reached})});
-    pass_device_run(device, &(struct pass_run){
-                                .shader = "splat_count.comp",
-                                .features = p->features,
-                                .aa = p->aa,
-                                .threads = p->count,
-                                PASS_LISTS({BINDING_FRAME, GPU_READ, &p->frame, sizeof p->frame},
-                                           {BINDING_PASS, GPU_READ_WRITE, &p->counters, sizeof p->counters},
-                                           {BINDING_PASS + 1, GPU_READ, p->reached, sizeof p->reached})});
+    pass_device_draw(
+        pass_shared,
+        &(struct pass_draw){.vertex_shader = "splat_quad.vert",
+                            .fragment_shader = "splat_quad.frag",
+                            .aa = p->aa,
+                            .depth = p->depth,
+                            .width = WIDTH,
+                            .height = HEIGHT,
+                            .samples = pass_device_samples(pass_shared),
+                            .per_sample = p->aa != AA_MSAA,
+                            .vertices = 6 * p->count,
+                            .picture = p->blended,
+                            PASS_LISTS({BINDING_FRAME, GPU_READ, &p->frame, sizeof p->frame},
+                                       {BINDING_PASS + 1, GPU_READ, p->targets, sizeof p->targets},
+                                       {BINDING_PASS + 2, GPU_READ, p->photons, sizeof p->photons},
+                                       {BINDING_PASS + 3, GPU_WRITE, p->reached, sizeof p->reached})});
+    pass_device_run(
+        pass_shared,
+        &(struct pass_run){.shader = "splat_count.comp",
+                           .features = p->features,
+                           .aa = p->aa,
+                           .threads = p->count,
+                           PASS_LISTS({BINDING_FRAME, GPU_READ, &p->frame, sizeof p->frame},
+                                      {BINDING_PASS, GPU_READ_WRITE, &p->counters, sizeof p->counters},
+                                      {BINDING_PASS + 1, GPU_READ, p->reached, sizeof p->reached})});
 }
 
 static void draw(struct picture *p)
@@ -202,7 +151,7 @@ static void draw(struct picture *p)
         draw_quads(p);
     if (p->aa != AA_MSAA && p->aa != AA_MSAA_SAMPLE)
         pass_device_run(
-            device,
+            pass_shared,
             &(struct pass_run){.shader = "splat.comp",
                                .features = p->features,
                                .aa = p->aa,
@@ -213,19 +162,20 @@ static void draw(struct picture *p)
                                           {BINDING_PASS + 1, GPU_READ, p->targets, sizeof p->targets},
                                           {BINDING_PASS + 2, GPU_READ, p->photons, sizeof p->photons},
                                           {BINDING_PASS + 3, GPU_READ_WRITE, p->sums, size})});
-    pass_device_run(device, &(struct pass_run){
-                                .shader = "resolve.comp",
-                                .features = p->features,
-                                .aa = p->aa,
-                                .threads = PIXELS,
-                                PASS_LISTS({BINDING_FRAME, GPU_READ, &p->frame, sizeof p->frame},
-                                           {BINDING_LIGHTS, GPU_READ, p->targets, sizeof p->targets},
-                                           {BINDING_PASS, GPU_READ_WRITE, &p->counters, sizeof p->counters},
-                                           {BINDING_PASS + 1, GPU_READ, p->targets, sizeof p->targets},
-                                           {BINDING_PASS + 2, GPU_READ, p->sums, size},
-                                           {BINDING_PASS + 3, GPU_WRITE, p->irradiance, sizeof p->irradiance},
-                                           {BINDING_PASS + 4, GPU_READ, p->surfaces, sizeof p->surfaces},
-                                           {BINDING_PASS + 5, GPU_READ, p->blended, sizeof p->blended})});
+    pass_device_run(
+        pass_shared,
+        &(struct pass_run){.shader = "resolve.comp",
+                           .features = p->features,
+                           .aa = p->aa,
+                           .threads = PIXELS,
+                           PASS_LISTS({BINDING_FRAME, GPU_READ, &p->frame, sizeof p->frame},
+                                      {BINDING_LIGHTS, GPU_READ, p->targets, sizeof p->targets},
+                                      {BINDING_PASS, GPU_READ_WRITE, &p->counters, sizeof p->counters},
+                                      {BINDING_PASS + 1, GPU_READ, p->targets, sizeof p->targets},
+                                      {BINDING_PASS + 2, GPU_READ, p->sums, size},
+                                      {BINDING_PASS + 3, GPU_WRITE, p->irradiance, sizeof p->irradiance},
+                                      {BINDING_PASS + 4, GPU_READ, p->surfaces, sizeof p->surfaces},
+                                      {BINDING_PASS + 5, GPU_READ, p->blended, sizeof p->blended})});
 }
 
 /* ---- the model ----------------------------------------------------------------------------------------- */
@@ -233,11 +183,11 @@ static void draw(struct picture *p)
 static bool accepts(const struct picture *p, uint32_t pixel, const struct photon *photon, bool *is_close)
 {
     vec4 target = p->targets[pixel].position_normal;
-    if (float_bits(target.w) == NONE)
+    if (pass_float_bits(target.w) == NONE)
         return false;
     double n[3], m[3];
-    unpack_normal(float_bits(photon->position.w), n);
-    unpack_normal(float_bits(target.w), m);
+    pass_unpack_normal(pass_float_bits(photon->position.w), n);
+    pass_unpack_normal(pass_float_bits(target.w), m);
     double off = ((double)target.x - (double)photon->position.x) * n[0] +
                  ((double)target.y - (double)photon->position.y) * n[1] +
                  ((double)target.z - (double)photon->position.z) * n[2];
@@ -323,7 +273,7 @@ static const double snap = 0.005;
 static double sampled(const struct picture *p, const struct photon *photon, double ox, double oy,
                       bool *is_close)
 {
-    uint32_t samples = pass_device_samples(device), taken = 0;
+    uint32_t samples = pass_device_samples(pass_shared), taken = 0;
     const uint8_t(*places)[2] = sample_places(samples);
     struct conic q = conic_of(photon);
     struct axes a = axes_of(&q);
@@ -393,13 +343,13 @@ static double kernel(const struct picture *p, const struct photon *photon, int x
 static uint32_t plane_of(const struct picture *p, uint32_t pixel)
 {
     uint32_t plane = pixel;
-    if (p->aa != AA_PIXEL || float_bits(p->targets[pixel].position_normal.w) != NONE)
+    if (p->aa != AA_PIXEL || pass_float_bits(p->targets[pixel].position_normal.w) != NONE)
         return plane;
     int width = (int)p->frame.width, height = (int)p->frame.height;
     for (int k = 0; k < 9; k++) {
         int x = (int)pixel % width + k % 3 - 1, y = (int)pixel / width + k / 3 - 1;
         if (x >= 0 && y >= 0 && x < width && y < height &&
-            float_bits(p->targets[y * width + x].position_normal.w) != NONE)
+            pass_float_bits(p->targets[y * width + x].position_normal.w) != NONE)
             plane = (uint32_t)(y * width + x);
     }
     return plane;
@@ -456,10 +406,10 @@ static void compare(const char *name, struct picture *p)
                                       : 0;
         }
         vec4 target = p->targets[plane].position_normal;
-        if (float_bits(target.w) != NONE) {
+        if (pass_float_bits(target.w) != NONE) {
             /* a pixel's part of the sphere, seen from the eye, on the target's plane */
             double n[3], z = -(double)target.z;
-            unpack_normal(float_bits(target.w), n);
+            pass_unpack_normal(pass_float_bits(target.w), n);
             double distance =
                 sqrt((double)target.x * (double)target.x + (double)target.y * (double)target.y + z * z);
             double toward =
@@ -489,7 +439,7 @@ static void compare(const char *name, struct picture *p)
 /* Whether the device takes several samples, at places known here. */
 static bool can_sample(const char *name)
 {
-    uint32_t samples = pass_device_samples(device);
+    uint32_t samples = pass_device_samples(pass_shared);
     bool can = sample_places(samples) != NULL;
     if (!can)
         print_message("%s: left out, the device takes %u samples a pixel\n", name, samples);
@@ -573,7 +523,8 @@ static void coverage_keeps_flux(void **state)
     struct picture *p = picture_of(FEATURE_CHROMATIC, AA_COVERAGE, DEPTH_PLANE);
     double expected = 0, worst = 0;
     for (uint32_t i = 0; i < PIXELS; i++)
-        p->targets[i].position_normal = (vec4){0, 0, -4, bits_float(pack_normal((const double[3]){0, 0, 1}))};
+        p->targets[i].position_normal =
+            (vec4){0, 0, -4, pass_bits_float(pass_pack_normal((const double[3]){0, 0, 1}))};
     for (uint32_t i = 0; i < PHOTONS; i++) {
         struct photon *photon = &p->photons[i];
         double minor = exp(between(log(1e-3), log(5))), major = fmin(minor * exp(between(0, log(64))), 14),
@@ -693,5 +644,5 @@ int main(void)
         cmocka_unit_test(coverage_keeps_flux),     cmocka_unit_test(bits_stay),
         cmocka_unit_test(overflow_is_counted),     cmocka_unit_test(far_photons_end),
     };
-    return cmocka_run_group_tests(tests, set_up, tear_down);
+    return cmocka_run_group_tests(tests, pass_shared_set_up, pass_shared_tear_down);
 }

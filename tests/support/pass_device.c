@@ -48,6 +48,22 @@ void pass_device_destroy(struct pass_device **device)
     *device = NULL;
 }
 
+struct pass_device *pass_shared;
+
+int pass_shared_set_up(void **state)
+{
+    (void)state;
+    pass_shared = pass_device_create();
+    return 0;
+}
+
+int pass_shared_tear_down(void **state)
+{
+    (void)state;
+    pass_device_destroy(&pass_shared);
+    return 0;
+}
+
 static struct gpu_pipeline *find_pipeline(struct pass_device *device, const struct pass_run *run)
 {
     static const uint32_t ids[CONSTANTS] = {CONSTANT_FEATURES, CONSTANT_SPLIT, CONSTANT_DENSITY,
@@ -193,6 +209,47 @@ double pass_random(uint64_t *state)
 {
     *state = *state * 6364136223846793005u + 1442695040888963407u;
     return (double)(*state >> 11) * 0x1p-53;
+}
+
+double pass_between(uint64_t *state, double low, double high)
+{
+    return low + (high - low) * pass_random(state);
+}
+
+uint32_t pass_pack_normal(const double n[3])
+{
+    double sum = fabs(n[0]) + fabs(n[1]) + fabs(n[2]), x = n[0] / sum, y = n[1] / sum;
+    if (n[2] < 0) { /* the lower half is folded over the diagonals */
+        double across = x;
+        x = copysign(1 - fabs(y), x);
+        y = copysign(1 - fabs(across), y);
+    }
+    return ((uint32_t)lround(x * 32767) & 0xffff) | (uint32_t)lround(y * 32767) << 16;
+}
+
+void pass_unpack_normal(uint32_t bits, double n[3])
+{
+    double x = fmax((int16_t)(bits & 0xffff) / 32767.0, -1), y = fmax((int16_t)(bits >> 16) / 32767.0, -1);
+    n[2] = 1 - fabs(x) - fabs(y);
+    n[0] = n[2] < 0 ? copysign(1 - fabs(y), x) : x;
+    n[1] = n[2] < 0 ? copysign(1 - fabs(x), y) : y;
+    double length = sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
+    for (int k = 0; k < 3; k++)
+        n[k] /= length;
+}
+
+float pass_bits_float(uint32_t bits)
+{
+    float value;
+    memcpy(&value, &bits, sizeof value);
+    return value;
+}
+
+uint32_t pass_float_bits(float value)
+{
+    uint32_t bits;
+    memcpy(&bits, &value, sizeof bits);
+    return bits;
 }
 
 uint32_t pass_morton(uint32_t x, uint32_t y)

@@ -16,6 +16,11 @@ struct pass_device;
 struct pass_device *pass_device_create(void);
 void pass_device_destroy(struct pass_device **device);
 
+/* One for a whole test program: setup and teardown of a group of tests. */
+extern struct pass_device *pass_shared;
+int pass_shared_set_up(void **state);
+int pass_shared_tear_down(void **state);
+
 struct pass_list {
     uint32_t binding;
     enum gpu_access access; /* with GPU_WRITE, `data` gets the contents after the run */
@@ -67,6 +72,13 @@ static inline double pass_fixed(uint32_t low, uint32_t high)
 
 /* The same numbers on every run, in [0, 1). */
 double pass_random(uint64_t *state);
+double pass_between(uint64_t *state, double low, double high);
+
+/* Octahedral unit vector, 2 x 16 bits, as shaders/frame.glsl packs it; and floats by their bits. */
+uint32_t pass_pack_normal(const double n[3]);
+void pass_unpack_normal(uint32_t bits, double n[3]);
+float pass_bits_float(uint32_t bits);
+uint32_t pass_float_bits(float value);
 
 /* Cells of a tile along the Morton curve: bits of x and y in turn, x first. */
 uint32_t pass_morton(uint32_t x, uint32_t y);

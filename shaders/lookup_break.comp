@@ -1,0 +1,61 @@
+#version 460
+#extension GL_GOOGLE_include_directive : require
+// lookup_break.comp: finds the pixels within which what glass and mirrors show breaks up: beside a pixel that shows
+// another surface, or a place farther away than its own size there tells. One camera ray tells nothing of them. Their
+// order depends on who came first; pictures do not, for it only says where their samples are kept.
+// PHASE 1: broken pixels' chain points give way to their samples.
+//
+// Reads   chain points
+// Writes  broken: pixels, then for each pixel its number among them or NONE; lookup.broken; chain points (PHASE 1)
+// Source  design 8
+#include "frame.glsl"
+#include "lookup.glsl"
+layout(local_size_x = GROUP_SIZE) in;
+layout(constant_id = 8) const uint PHASE = 0u;
+layout(std430, binding = BINDING_PASS) buffer lookup_buffer { lookup_gpu lookup; };
+layout(std430, binding = BINDING_PASS + 1) buffer chain_buffer { chain_point chains[]; };
+layout(std430, binding = BINDING_PASS + 2) buffer broken_buffer { uint broken[]; };
+
+const float APART_MAX = 3.0;  // reaches of a pixel's filter; neighbours on a plane are 1.33 apart
+
+bool is_apart(chain_point a, chain_point b)
+{
+    if (!chain_exists(a) || !chain_exists(b))
+        return chain_exists(a) != chain_exists(b) || a.axes.w != b.axes.w;
+    float reach = max(axes_reach(a.axes), axes_reach(b.axes));
+    vec3 offset = a.position_normal.xyz - b.position_normal.xyz;
+    return dot(offset, offset) > APART_MAX * APART_MAX * reach * reach;
+}
+
+bool is_broken(uint pixel)
+{
+    int x = int(pixel % frame.width), y = int(pixel / frame.width);
+    for (uint layer = 0u; layer < frame.camera_branches; layer++) {
+        uint first = layer * frame.width * frame.height;
+        chain_point here = chains[first + pixel];
+        for (int k = 0; k < 4; k++) {
+            ivec2 other = ivec2(x, y) + ivec2(k == 0 ? 1 : k == 1 ? -1 : 0, k == 2 ? 1 : k == 3 ? -1 : 0);
+            if (all(greaterThanEqual(other, ivec2(0))) && other.x < int(frame.width) && other.y < int(frame.height) &&
+                is_apart(here, chains[first + uint(other.y) * frame.width + uint(other.x)]))
+                return true;
+        }
+    }
+    return false;
+}
+
+void main()
+{
+    uint pixel = gl_GlobalInvocationID.x, pixels = frame.width * frame.height;
+    if (pixel >= pixels)
+        return;
+    if (PHASE == 0u) {
+        uint place = NONE;
+        if (is_broken(pixel)) {
+            place = atomicAdd(lookup.broken, 1u);
+            broken[place] = pixel;
+        }
+        broken[pixels + pixel] = place;
+    } else if (samples_each(lookup.broken) > 1u && broken[pixels + pixel] != NONE)
+        for (uint layer = 0u; layer < frame.camera_branches; layer++)
+            chains[layer * pixels + pixel].position_normal.w = uintBitsToFloat(NONE);
+}
