@@ -16,6 +16,8 @@
 #define MAX_ROUNDS 101u
 #define MAX_CASES  8u
 
+static uint32_t frame_width = 480, frame_height = 270; /* of the tables passes, no-caster and scenes */
+
 struct subject {
     struct scene *scene;
     struct renderer *renderer; /* NULL: shares the one of the case before */
@@ -144,7 +146,7 @@ static void bench_passes(struct gpu *gpu, uint32_t rounds)
     struct error error;
     struct scene *scene = scene_create_builtin("sphere", &error);
     struct renderer *renderer = make_renderer(gpu, scene, &error);
-    struct view *view = make_view(renderer, 480, 270);
+    struct view *view = make_view(renderer, frame_width, frame_height);
     const char *names[VIEW_MAX_PASSES] = {NULL};
     static double pass_ns[VIEW_MAX_PASSES][MAX_ROUNDS];
     static double parts[5][MAX_ROUNDS];
@@ -165,8 +167,9 @@ static void bench_passes(struct gpu *gpu, uint32_t rounds)
         parts[4][round - WARM_UP] = host_ns(result) / result->stats[STAT_frame_ns];
     }
     double frame_ns = measure_median(parts[0], rounds);
-    puts("\nA frame of `sphere`, 480x270, default settings, channel caustics\n\n| part | ms | share "
-         "|\n|---|---|---|");
+    printf("\nA frame of `sphere`, %ux%u, default settings, channel caustics\n\n| part | ms | share "
+           "|\n|---|---|---|\n",
+           frame_width, frame_height);
     for (uint32_t i = 0; i < pass_count; i++) {
         double elapsed_ns = measure_median(pass_ns[i], rounds);
         printf("| %s | %.2f | %.1f %% |\n", names[i], 1e-6 * elapsed_ns, 100 * elapsed_ns / frame_ns);
@@ -194,7 +197,7 @@ static void bench_no_caster(struct gpu *gpu, uint32_t rounds)
     for (int i = 0; i < 2; i++) {
         subjects[i].scene = scene_create_builtin(names[i], &error);
         subjects[i].renderer = make_renderer(gpu, subjects[i].scene, &error);
-        subjects[i].view = make_view(subjects[i].renderer, 480, 270);
+        subjects[i].view = make_view(subjects[i].renderer, frame_width, frame_height);
     }
     subjects_run(subjects, 2, rounds);
     double sphere = measure_median(subjects[0].frame_ns, rounds),
@@ -287,20 +290,70 @@ static void bench_triangles(struct gpu *gpu, uint32_t rounds)
     subjects_destroy(subjects, 6);
 }
 
+enum part { FRAME, DEVICE, TRACE, COMPACT, SPLAT, PARTS };
+
+static double part_ns(const struct frame_result *result, enum part part)
+{
+    static const char *const names[PARTS] = {[TRACE] = "trace", [COMPACT] = "compact", [SPLAT] = "splat"};
+    double sum = part == FRAME ? result->stats[STAT_frame_ns] : 0;
+    for (uint32_t i = 0; part != FRAME && i < result->pass_count; i++)
+        if (!names[part] || strcmp(result->passes[i].name, names[part]) == 0)
+            sum += (double)result->passes[i].elapsed_ns;
+    return sum;
+}
+
+static void bench_scenes(struct gpu *gpu, uint32_t rounds)
+{
+    static const char *const names[] = {"sphere", "ring", "square", "cornell", "pool", "cube", "prism"};
+    static const double budgets[] = {131072, 1048576};
+    printf(
+        "\nFrames of the built-in scenes, %ux%u, default settings but the budget, channel caustics\n\n"
+        "| scene | photons emitted | rays traced | frame, ms | on the device, ms | trace | compact | splat | "
+        "million rays/s in trace |\n|---|---|---|---|---|---|---|---|---|\n",
+        frame_width, frame_height);
+    for (size_t i = 0; i < sizeof names / sizeof *names; i++) {
+        struct error error;
+        struct scene *scene = scene_create_builtin(names[i], &error);
+        struct renderer *renderer = make_renderer(gpu, scene, &error);
+        for (size_t k = 0; k < sizeof budgets / sizeof *budgets; k++) {
+            static double elapsed[PARTS][MAX_ROUNDS];
+            if (budgets[k] > renderer_limits(renderer)->max_photons)
+                continue;
+            struct view *view = make_view(renderer, frame_width, frame_height);
+            set(view, SETTING_photons, budgets[k]);
+            const struct frame_result *result = NULL;
+            for (uint32_t round = 0; round < WARM_UP + rounds; round++) {
+                result = render(view, 1u << CHANNEL_CAUSTICS);
+                for (enum part part = 0; round >= WARM_UP && part < PARTS; part++)
+                    elapsed[part][round - WARM_UP] = 1e-6 * part_ns(result, part);
+            }
+            double rays = result->stats[STAT_rays_traced], ms[PARTS];
+            for (enum part part = 0; part < PARTS; part++)
+                ms[part] = measure_median(elapsed[part], rounds);
+            printf("| %s | %.0f | %.0f | %.3f | %.3f | %.3f | %.3f | %.3f | %.1f |\n", names[i],
+                   result->stats[STAT_photons_emitted], rays, ms[FRAME], ms[DEVICE], ms[TRACE], ms[COMPACT],
+                   ms[SPLAT], 1e-3 * rays / ms[TRACE]);
+            fflush(stdout);
+            view_destroy(&view);
+        }
+        renderer_destroy(&renderer);
+        scene_destroy(&scene);
+    }
+}
+
 static const struct {
     const char *name;
     void (*run)(struct gpu *gpu, uint32_t rounds);
-} tables[] = {{"passes", bench_passes},
-              {"no-caster", bench_no_caster},
-              {"photons", bench_photons},
-              {"pixels", bench_pixels},
-              {"triangles", bench_triangles}};
+} tables[] = {{"passes", bench_passes},   {"scenes", bench_scenes}, {"no-caster", bench_no_caster},
+              {"photons", bench_photons}, {"pixels", bench_pixels}, {"triangles", bench_triangles}};
 #define TABLE_COUNT (sizeof tables / sizeof *tables)
 
-static const char usage[] = "usage: bench-frame [--device NAME] [--rounds N] [TABLE...]\n"
-                            "What a frame costs, as medians of N rounds (15), in Markdown. TABLE is passes, "
-                            "no-caster, photons, pixels or\n"
-                            "triangles; all of them when none is given.\n";
+static const char usage[] =
+    "usage: bench-frame [--device NAME] [--rounds N] [--size WxH] [TABLE...]\n"
+    "What a frame costs, as medians of N rounds (15), in Markdown. TABLE is passes, scenes, no-caster, "
+    "photons,\n"
+    "pixels or triangles; all of them when none is given. --size is that of passes, scenes and no-caster\n"
+    "(480x270).\n";
 
 int main(int argc, char **argv)
 {
@@ -312,7 +365,8 @@ int main(int argc, char **argv)
             params.device = argv[first + 1];
         else if (strcmp(argv[first], "--rounds") == 0)
             rounds = (uint32_t)strtoul(argv[first + 1], NULL, 10);
-        else
+        else if (strcmp(argv[first], "--size") != 0 ||
+                 sscanf(argv[first + 1], "%ux%u", &frame_width, &frame_height) != 2)
             break;
     }
     bool is_chosen[TABLE_COUNT] = {false}, is_good = rounds >= 1 && rounds <= MAX_ROUNDS;
