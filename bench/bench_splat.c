@@ -181,9 +181,9 @@ struct bench {
     struct gpu *gpu;
     struct plane plane;
     struct frame_gpu frame;
-    struct gpu_buffer *frame_buffer, *targets, *counters, *photons, *sums, *sums_read, *counters_read,
-        *picture_read;
-    struct gpu_pipeline *compute[2]; /* one and three channels */
+    struct gpu_buffer *frame_buffer, *targets, *counters, *photons, *pieces, *sums, *sums_read,
+        *counters_read, *picture_read;
+    struct gpu_pipeline *compute[2][2]; /* of one and three channels: photons, pieces */
     struct gpu_raster *raster;
 };
 
@@ -223,22 +223,26 @@ static void bench_create(struct bench *bench, const struct gpu_params *params)
     bench->counters_read =
         make_buffer(gpu, "counters read", sizeof(struct counters_gpu), GPU_MEMORY_READBACK);
     bench->photons = make_buffer(gpu, "photons", PHOTONS * sizeof(struct photon), GPU_MEMORY_DEVICE);
+    bench->pieces = make_buffer(gpu, "pieces", 2 * PHOTONS * sizeof(struct splat_piece), GPU_MEMORY_DEVICE);
     bench->sums = make_buffer(gpu, "sums", PIXELS * 6 * sizeof(uint32_t), GPU_MEMORY_DEVICE);
     bench->sums_read = make_buffer(gpu, "sums read", PIXELS * 6 * sizeof(uint32_t), GPU_MEMORY_READBACK);
     bench->picture_read = make_buffer(gpu, "picture read", PIXELS * sizeof(vec4), GPU_MEMORY_READBACK);
 
     for (uint32_t i = 0; i < 2; i++) {
-        const struct gpu_constant constants[] = {{CONSTANT_FEATURES, i ? FEATURE_CHROMATIC : 0},
-                                                 {CONSTANT_AA, AA_FILTER},
-                                                 {CONSTANT_DEPTH, DEPTH_PLANE}};
-        struct gpu_pipeline_params pipeline = {.name = "splat.comp",
-                                               .constants = constants,
-                                               .constant_count = 3,
-                                               .binding_mask = 1u << BINDING_FRAME | 15u << BINDING_PASS};
-        pipeline.spirv = shader_find("splat.comp", &pipeline.spirv_bytes);
-        bench->compute[i] = gpu_pipeline_create(gpu, &pipeline, &error);
-        if (!bench->compute[i])
-            measure_die(&error);
+        for (uint32_t phase = 0; phase < 2; phase++) {
+            const struct gpu_constant constants[] = {{CONSTANT_FEATURES, i ? FEATURE_CHROMATIC : 0},
+                                                     {CONSTANT_AA, AA_FILTER},
+                                                     {CONSTANT_DEPTH, DEPTH_PLANE},
+                                                     {8, phase}};
+            struct gpu_pipeline_params pipeline = {.name = "splat.comp",
+                                                   .constants = constants,
+                                                   .constant_count = 4,
+                                                   .binding_mask = 1u << BINDING_FRAME | 31u << BINDING_PASS};
+            pipeline.spirv = shader_find("splat.comp", &pipeline.spirv_bytes);
+            bench->compute[i][phase] = gpu_pipeline_create(gpu, &pipeline, &error);
+            if (!bench->compute[i][phase])
+                measure_die(&error);
+        }
     }
     const struct gpu_constant depth = {CONSTANT_DEPTH, DEPTH_PLANE};
     struct gpu_raster_params raster = {.name = "splat_quad",
@@ -257,11 +261,11 @@ static void bench_create(struct bench *bench, const struct gpu_params *params)
 static void bench_destroy(struct bench *bench)
 {
     gpu_raster_destroy(&bench->raster);
-    gpu_pipeline_destroy(&bench->compute[0]);
-    gpu_pipeline_destroy(&bench->compute[1]);
-    struct gpu_buffer **buffers[] = {&bench->frame_buffer,  &bench->targets,     &bench->counters,
-                                     &bench->photons,       &bench->sums,        &bench->sums_read,
-                                     &bench->counters_read, &bench->picture_read};
+    for (uint32_t i = 0; i < 4; i++)
+        gpu_pipeline_destroy(&bench->compute[i / 2][i % 2]);
+    struct gpu_buffer **buffers[] = {&bench->frame_buffer, &bench->targets,       &bench->counters,
+                                     &bench->photons,      &bench->pieces,        &bench->sums,
+                                     &bench->sums_read,    &bench->counters_read, &bench->picture_read};
     for (size_t i = 0; i < sizeof buffers / sizeof *buffers; i++)
         gpu_buffer_destroy(buffers[i]);
     gpu_destroy(&bench->gpu);
@@ -288,7 +292,7 @@ static double finish(struct gpu_frame *frame)
     return 1e-6 * (double)timings[0].elapsed_ns;
 }
 
-/* What the renderer does: sums to zero, then one thread a photon. */
+/* What the renderer does: sums to zero, one thread a photon, then the pieces of wide ones. */
 static double run_compute(struct bench *bench, bool is_chromatic)
 {
     struct gpu_frame *frame = begin(bench);
@@ -299,15 +303,18 @@ static double run_compute(struct bench *bench, bool is_chromatic)
         {.binding = BINDING_PASS, .access = GPU_READ_WRITE, .buffer = bench->counters},
         {.binding = BINDING_PASS + 1, .access = GPU_READ, .buffer = bench->targets},
         {.binding = BINDING_PASS + 2, .access = GPU_READ, .buffer = bench->photons},
-        {.binding = BINDING_PASS + 3, .access = GPU_READ_WRITE, .buffer = bench->sums}};
+        {.binding = BINDING_PASS + 3, .access = GPU_READ_WRITE, .buffer = bench->sums},
+        {.binding = BINDING_PASS + 4, .access = GPU_READ_WRITE, .buffer = bench->pieces}};
     gpu_record_upload(frame, bench->counters, 0, &counters, sizeof counters);
     gpu_pass_begin(frame, "splat");
     gpu_record_fill(frame, bench->sums, 0, bytes, 0);
-    gpu_record_dispatch(frame,
-                        &(struct gpu_dispatch){.pipeline = bench->compute[is_chromatic],
-                                               .binds = binds,
-                                               .bind_count = 5,
-                                               .groups = {(PHOTONS + GROUP_SIZE - 1) / GROUP_SIZE, 1, 1}});
+    for (uint32_t phase = 0; phase < 2; phase++)
+        gpu_record_dispatch(
+            frame,
+            &(struct gpu_dispatch){.pipeline = bench->compute[is_chromatic][phase],
+                                   .binds = binds,
+                                   .bind_count = sizeof binds / sizeof *binds,
+                                   .groups = {phase ? 1024 : (PHOTONS + GROUP_SIZE - 1) / GROUP_SIZE, 1, 1}});
     gpu_pass_end(frame);
     gpu_record_copy(frame, bench->sums_read, 0, bench->sums, 0, bytes);
     gpu_record_copy(frame, bench->counters_read, 0, bench->counters, 0, sizeof counters);

@@ -10,12 +10,12 @@ struct screen_ellipse {
 screen_ellipse ellipse_on_screen(photon p)
 {
     vec2 w = p.center.zw;
-    float slope = p.ellipse.y / p.ellipse.x;
-    float xx_flat = 1.0 / (p.ellipse.x * p.ellipse.x), yy = 1.0 / (p.ellipse.z * p.ellipse.z);
-    float xx = xx_flat + slope * slope * yy, xy = -slope * yy;
-    vec2 bent = vec2(xx * w.x + xy * w.y, xy * w.x + yy * w.y);
-    float rest = 1.0 - dot(w, bent);
-    screen_ellipse e;
+    precise float slope = p.ellipse.y / p.ellipse.x;
+    precise float xx_flat = 1.0 / (p.ellipse.x * p.ellipse.x), yy = 1.0 / (p.ellipse.z * p.ellipse.z);
+    precise float xx = xx_flat + slope * slope * yy, xy = -slope * yy;
+    precise vec2 bent = vec2(xx * w.x + xy * w.y, xy * w.x + yy * w.y);
+    precise float rest = 1.0 - dot(w, bent);
+    precise screen_ellipse e;
     e.middle = p.center.xy + bent / rest;
     e.xx = (xx + bent.x * bent.x / rest) / rest;
     e.xy = (xy + bent.x * bent.y / rest) / rest;
@@ -34,10 +34,11 @@ bool ellipse_is_small(photon p)
 // apart by an angle in [0, pi] of this cosine and sine; distances are within [-1, 1].
 float disk_wedge(float d1, float d2, float turn, float cosine, float sine)
 {
-    float h1 = sqrt((1.0 - d1) * (1.0 + d1)), h2 = sqrt((1.0 - d2) * (1.0 + d2)); // half chords
-    float w1 = atan(h1, -d1), w2 = atan(h2, -d2);                                 // half arcs
-    float arc = max(min(w1, turn + w2) - max(-w1, turn - w2), 0.0) + max(w1 + w2 + turn - 2.0 * PI, 0.0);
-    float chord1 = clamp((d2 - d1 * cosine) / sine, -h1, h1) + h1;
-    float chord2 = clamp((d1 - d2 * cosine) / sine, -h2, h2) + h2;
-    return 0.5 * (arc + d1 * chord1 + d2 * chord2);
+    precise float h1 = sqrt((1.0 - d1) * (1.0 + d1)), h2 = sqrt((1.0 - d2) * (1.0 + d2)); // half chords
+    precise float w1 = atan(h1, -d1), w2 = atan(h2, -d2);                                 // half arcs
+    precise float arc = max(min(w1, turn + w2) - max(-w1, turn - w2), 0.0) + max(w1 + w2 + turn - 2.0 * PI, 0.0);
+    precise float chord1 = clamp((d2 - d1 * cosine) / sine, -h1, h1) + h1;
+    precise float chord2 = clamp((d1 - d2 * cosine) / sine, -h2, h2) + h2;
+    precise float area = 0.5 * (arc + d1 * chord1 + d2 * chord2);
+    return area;
 }

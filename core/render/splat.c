@@ -10,6 +10,8 @@
 #include "../../shaders/shader_table.h"
 #include "view_state.h"
 
+#define PIECE_GROUPS 1024u /* workgroups that draw pieces of wide footprints, in turn */
+
 static struct gpu_raster_params quad_params(const struct gpu *gpu, int32_t aa)
 {
     return (struct gpu_raster_params){.name = "splat_quad",
@@ -63,12 +65,21 @@ static bool prepare_quads(struct view *view)
     return quads->raster != NULL;
 }
 
+/* Every footprint but that of aa=pixel may be wide. */
+static bool has_pieces(const struct view *view)
+{
+    return view->settings.aa != SPLAT_AA_PIXEL;
+}
+
 bool splat_prepare(struct view *view)
 {
     size_t pixels = (size_t)view->width * view->height;
     size_t channels = view->features.bits & FEATURE_CHROMATIC ? 3 : 1;
     return (!view->plan.has_sums ||
-            view_buffer(view, BUFFER_SUMS, pixels * channels * 2 * sizeof(uint32_t))) &&
+            (view_buffer(view, BUFFER_SUMS, pixels * channels * 2 * sizeof(uint32_t)) &&
+             (!has_pieces(view) || view_buffer(view, BUFFER_PIECES,
+                                               view->asked[BUFFER_PHOTONS] / sizeof(struct photon) *
+                                                   sizeof(struct splat_piece))))) &&
            (!view->plan.has_quads ||
             (view_buffer(view, BUFFER_PICTURE, pixels * sizeof(vec4)) &&
              view_buffer(view, BUFFER_REACHED,
@@ -113,14 +124,20 @@ void splat_record(struct view *view, struct gpu_frame *frame)
     gpu_pass_begin(frame, "splat");
     if (plan->has_sums) {
         gpu_record_fill(frame, view->buffers[BUFFER_SUMS], 0, view->asked[BUFFER_SUMS], 0);
-        view_dispatch(view, frame,
-                      &(struct view_dispatch){.shader = "splat.comp",
-                                              .indirect = BUFFER_COUNTERS,
-                                              .indirect_offset = offsetof(struct counters_gpu, photon_groups),
-                                              USES({BINDING_PASS, GPU_READ_WRITE, BUFFER_COUNTERS},
-                                                   {BINDING_PASS + 1, GPU_READ, BUFFER_TARGETS},
-                                                   {BINDING_PASS + 2, GPU_READ, BUFFER_PHOTONS},
-                                                   {BINDING_PASS + 3, GPU_READ_WRITE, BUFFER_SUMS})});
+        for (uint32_t phase = 0; phase < (has_pieces(view) ? 2u : 1u); phase++)
+            view_dispatch(view, frame,
+                          &(struct view_dispatch){
+                              .shader = "splat.comp",
+                              .phase = phase,
+                              .groups = {phase ? PIECE_GROUPS : 0, phase ? 1 : 0},
+                              .indirect = BUFFER_COUNTERS,
+                              .indirect_offset = phase ? 0 : offsetof(struct counters_gpu, photon_groups),
+                              USES({BINDING_PASS, GPU_READ_WRITE, BUFFER_COUNTERS},
+                                   {BINDING_PASS + 1, GPU_READ, BUFFER_TARGETS},
+                                   {BINDING_PASS + 2, GPU_READ, BUFFER_PHOTONS},
+                                   {BINDING_PASS + 3, GPU_READ_WRITE, BUFFER_SUMS},
+                                   {BINDING_PASS + 4, has_pieces(view) ? GPU_READ_WRITE : GPU_READ,
+                                    has_pieces(view) ? BUFFER_PIECES : BUFFER_TARGETS})});
     }
     if (plan->has_quads)
         record_quads(view, frame);

@@ -152,9 +152,14 @@ static void fit_directions(const struct view *view, const struct light_gpu *ligh
                  : light->type == LIGHT_TYPE_COSINE ? PI_F / 2
                                                     : PI_F;
     struct light_tile old = *tile;
-    float axis[3], half = PI_F;
-    if (view->settings.tile == TILE_FIT_CASTERS)
-        half = fit_cone(view->renderer, apex, axis);
+    bool is_fitted = view->settings.tile == TILE_FIT_CASTERS;
+    if (is_fitted && (tile->cone_pose != view->renderer->pose_version ||
+                      memcmp(tile->cone_apex, apex, sizeof apex) != 0)) {
+        tile->cone_half = fit_cone(view->renderer, apex, tile->cone_axis);
+        tile->cone_pose = view->renderer->pose_version;
+        memcpy(tile->cone_apex, apex, sizeof apex);
+    }
+    float half = is_fitted ? tile->cone_half : PI_F;
     float wider = emitter_widening(view, light);
     if (cone < PI_F)
         cone = fminf(cone + emitter_angle(light), PI_F);
@@ -170,7 +175,7 @@ static void fit_directions(const struct view *view, const struct light_gpu *ligh
                          (wider > 0 ? height_of(fmaxf(half_angle_of(old.height) - wider, 0)) : old.height) &&
                      half_angle_of(old.height) <= CAP_TOO_LARGE * wanted;
         if (!holds)
-            set_cap(tile, axis, wanted);
+            set_cap(tile, tile->cone_axis, wanted);
     }
 }
 

@@ -110,6 +110,7 @@ enum view_buffer {
     BUFFER_SURFACES,
     BUFFER_TARGETS,
     BUFFER_SUMS,
+    BUFFER_PIECES,
     BUFFER_PICTURE,    /* what quads drew */
     BUFFER_REACHED,    /* photons whose quad reached a pixel */
     BUFFER_IRRADIANCE, /* even and odd frames */
@@ -191,6 +192,9 @@ struct light_tile {
     float origin[3];
     float measure; /* sr or m^2 */
     bool is_valid;
+    /* the casters' cone, which stays while they and the light do */
+    float cone_apex[3], cone_axis[3], cone_half;
+    uint64_t cone_pose; /* pose_version it was found at; 0: never */
 };
 
 /* A rectangle of a light's unit square that has cells of its own: the whole square, or an inset (insets.c).

@@ -301,9 +301,9 @@ struct counters_gpu {
     uint task_count;   /* photons to emit */
     uint photon_count; /* stored so far */
     uint photon_base;  /* stored before this bounce */
-    uint pad0;
-    uint queue[8];  /* of even and odd bounces: indirect dispatch x, y, z, then the number of rays */
-    uint stride[2]; /* child slots per ray, even and odd: 2 while splitting is allowed, 1 otherwise */
+    uint splat_pieces; /* of wide footprints, handed out; may exceed their list */
+    uint queue[8];     /* of even and odd bounces: indirect dispatch x, y, z, then the number of rays */
+    uint stride[2];    /* child slots per ray, even and odd: 2 while splitting is allowed, 1 otherwise */
     uint pad1, pad2;
     uint photon_groups[4]; /* indirect dispatch over all stored photons; [3] unused */
     uint photon_quads[4];  /* indirect draw of a quad for each: vertices, instances, firsts */
@@ -315,6 +315,14 @@ struct counters_gpu {
 };
 #define QUEUE_COUNT 3 /* in queue[4 parity + ...] */
 SHARED_SIZE(counters_gpu, 320);
+
+/* Rows of a wide footprint that a workgroup draws. */
+struct splat_piece {
+    uint photon; /* NONE: nothing */
+    uint part;   /* number among the photon's pieces, 16 bits; then how many there are; top bit of the first
+                    one: the photon has reached a pixel */
+};
+SHARED_SIZE(splat_piece, 8);
 
 /* Accumulators of one cell's feedback, 64-bit fixed point as low and high word. Errors are flux put in the
  * wrong place, in parts of a mean cell's flux. */

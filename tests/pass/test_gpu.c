@@ -276,8 +276,9 @@ static void passes_are_timed(void **state)
                           (unsigned long long)timings[1].elapsed_ns,
                           (unsigned long long)timings[2].elapsed_ns, (unsigned long long)total);
             assert_true(timings[0].elapsed_ns > 0);
-            /* 1,024 x 2,000 rounds against one. */
-            assert_true(timings[1].elapsed_ns > 20 * (timings[0].elapsed_ns / 150));
+            /* 1,024 x 2,000 rounds against one; a wide device does the 1,024 beside each other, and starting
+             * and ending a dispatch is most of a short one. */
+            assert_true(timings[1].elapsed_ns > 2 * (timings[0].elapsed_ns / 150));
             assert_true(timings[2].elapsed_ns < timings[1].elapsed_ns);
             assert_true(sum <= total + 1000);
         } else {

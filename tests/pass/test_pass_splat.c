@@ -8,6 +8,7 @@
 #include "tests/support/pass_device.h"
 
 enum { WIDTH = 61, HEIGHT = 37, PIXELS = WIDTH * HEIGHT, PHOTONS = 700 };
+enum { PIECES_MAX = 2 * PHOTONS, PIECE_THREADS = 7 * 64 }; /* fewer groups than pieces: they take turns */
 
 static uint64_t random_state;
 
@@ -27,6 +28,8 @@ struct picture {
     struct counters_gpu counters;
     uint32_t sums[6 * PIXELS];
     uint32_t reached[PHOTONS];
+    struct splat_piece pieces[PIECES_MAX];
+    uint32_t piece_room;
     vec4 blended[PIXELS];
     vec4 irradiance[PIXELS];
 };
@@ -98,6 +101,7 @@ static struct picture *picture_of(uint32_t features, uint32_t aa, uint32_t depth
     p->features = features;
     p->aa = aa;
     p->depth = depth;
+    p->piece_room = PIECES_MAX;
     p->frame.irradiance_unit = 0x1p-20f;
     p->frame.flux_unit = 0x1p-20f;
     p->frame.tint = (vec4){1, 1, 1, 0};
@@ -149,19 +153,22 @@ static void draw(struct picture *p)
     size_t size = PIXELS * (p->features & FEATURE_CHROMATIC ? 24 : 8);
     if (is_quads(p))
         draw_quads(p);
-    if (p->aa != AA_MSAA && p->aa != AA_MSAA_SAMPLE)
+    for (uint32_t phase = 0; phase < 2 && p->aa != AA_MSAA && p->aa != AA_MSAA_SAMPLE; phase++)
         pass_device_run(
             pass_shared,
             &(struct pass_run){.shader = "splat.comp",
                                .features = p->features,
                                .aa = p->aa,
                                .depth = p->depth,
-                               .threads = p->count,
+                               .phase = phase,
+                               .threads = phase ? PIECE_THREADS : p->count,
                                PASS_LISTS({BINDING_FRAME, GPU_READ, &p->frame, sizeof p->frame},
                                           {BINDING_PASS, GPU_READ_WRITE, &p->counters, sizeof p->counters},
                                           {BINDING_PASS + 1, GPU_READ, p->targets, sizeof p->targets},
                                           {BINDING_PASS + 2, GPU_READ, p->photons, sizeof p->photons},
-                                          {BINDING_PASS + 3, GPU_READ_WRITE, p->sums, size})});
+                                          {BINDING_PASS + 3, GPU_READ_WRITE, p->sums, size},
+                                          {BINDING_PASS + 4, GPU_READ_WRITE, p->pieces,
+                                           p->piece_room * sizeof *p->pieces})});
     pass_device_run(
         pass_shared,
         &(struct pass_run){.shader = "resolve.comp",
@@ -583,7 +590,9 @@ static void bits_stay(void **state)
         memcpy(sums, p->sums, sizeof p->sums);
         memcpy(irradiance, p->irradiance, sizeof p->irradiance);
         for (int turn = 0; turn < 3; turn++) {
-            draw(p); /* first as it was, then shuffled */
+            /* first as it was, but with hardly any room for pieces, then shuffled */
+            p->piece_room = turn == 0 ? 5 : PIECES_MAX;
+            draw(p);
             assert_memory_equal(sums, p->sums, sizeof p->sums);
             assert_memory_equal(irradiance, p->irradiance, sizeof p->irradiance);
             for (uint32_t i = PHOTONS - 1; i > 0 && !is_quads(p); i--) {
