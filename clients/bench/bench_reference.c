@@ -12,7 +12,7 @@
 #include "../lib/progress.h"
 #include "../lib/tone.h"
 
-#define PHOTONS_A_FRAME  262144.0
+#define PHOTONS_A_FRAME  1048576.0
 #define FIRST_SUBFRAMES  16.0
 #define LARGEST_SUBFRAME 65536.0
 

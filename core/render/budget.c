@@ -1,5 +1,6 @@
 /* budget.c: how many photons a view may have: by its settings, and by the time that a frame is given. */
 #include <math.h>
+#include <string.h>
 
 #include "view_state.h"
 
@@ -32,17 +33,33 @@ static double budget_least(const struct view *view)
     return fmin(fmax(kept, view->renderer->limits.min_photons), budget_most(view));
 }
 
+static double most_rays(const struct view *view)
+{
+    return view->features.bits & FEATURE_SAMPLES ? (double)view->settings.camera_samples : 1;
+}
+
 void budget_fill(struct view *view, struct frame_gpu *data)
 {
     data->photon_budget = budget_most(view);
     data->target_area = view->settings.target_area / (float)quality_factor(view);
+    data->camera_samples = (uint32_t)most_rays(view);
     if (budget_reason_against(view, &view->plan)) {
         view->governor = (struct governor){0};
         return;
     }
     data->photon_budget = governor_photons(&view->governor, budget_least(view), data->photon_budget);
+    data->camera_samples = governor_rays(&view->governor, data->camera_samples);
     /* Small enough that the budget is what limits photons, not the area they are content with. */
     data->target_area *= 1.0f / 64;
+}
+
+static double pass_ns(const struct frame_result *result, const char *name)
+{
+    double sum = 0;
+    for (uint32_t i = 0; i < result->pass_count; i++)
+        if (strcmp(result->passes[i].name, name) == 0)
+            sum += (double)result->passes[i].elapsed_ns;
+    return sum;
 }
 
 void budget_measure(struct view *view, uint64_t elapsed_ns)
@@ -52,12 +69,15 @@ void budget_measure(struct view *view, uint64_t elapsed_ns)
         return;
     stats[STAT_governor_photons] = view->data.photon_budget;
     stats[STAT_governor_target_area] = (double)view->data.target_area;
+    stats[STAT_governor_camera_samples] = view->data.camera_samples;
     if (governor_step(&view->governor, &(struct governor_frame){
                                            .measured_ns = (double)elapsed_ns,
                                            .target_ns = 1e6 * (double)view->settings.budget_ms,
                                            .emitted = stats[STAT_photons_emitted],
                                            .least = budget_least(view),
                                            .most = budget_most(view),
+                                           .most_rays = most_rays(view),
+                                           .rays_ns = pass_ns(&view->result, "lookup"),
                                            .is_at_rest = (view->data.flags & FLAG_HOLD) != 0,
                                        }))
         view->still_frames = 0; /* samples have to follow the new budget before they may rest */

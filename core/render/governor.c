@@ -12,6 +12,12 @@
 /* Share of the time that goes into photons until the fit has seen budgets that differ: too high a guess only
  * makes steps smaller. */
 #define FIRST_SHARE 0.95
+/* Photons that are worth more than camera rays, as a share of the most; frames that have to agree on fewer
+ * rays, and on more. */
+#define SCARCE      (1.0 / 8)
+#define RAYS_FACTOR 3.0
+#define FEWER_AFTER 3
+#define MORE_AFTER  8
 #define FORGET      0.85 /* weight of the frame before in the fit */
 #define FOLLOW      0.4  /* weight of the newest frame in `scale` */
 
@@ -31,6 +37,39 @@ uint32_t governor_photons(struct governor *governor, double least, double most)
         governor->photons = sqrt(least * most);
     governor->photons = clamp(governor->photons, least, most);
     return (uint32_t)governor->photons;
+}
+
+uint32_t governor_rays(struct governor *governor, double most)
+{
+    if (!(governor->rays > 0))
+        governor->rays = most;
+    governor->rays = clamp(floor(governor->rays), 1, most);
+    return (uint32_t)governor->rays;
+}
+
+/* Photons that fill `time`. */
+static double photons_of(const struct governor *governor, double time)
+{
+    return fmax(time / governor->scale - governor->fixed_ns, 0) / (governor->slope_ns * governor->fill);
+}
+
+static bool steer_rays(struct governor *governor, const struct governor_frame *frame)
+{
+    double rays = governor_rays(governor, frame->most_rays),
+           scarce = fmax(frame->least, SCARCE * frame->most);
+    double more = fmin(RAYS_FACTOR * rays, frame->most_rays), cost = (more / rays - 1) * frame->rays_ns;
+    bool wants_fewer = rays > 1 && photons_of(governor, frame->target_ns) < scarce;
+    bool wants_more = more > rays && photons_of(governor, frame->target_ns - cost) > 2 * scarce;
+    int32_t *frames = &governor->rays_frames;
+    *frames = wants_fewer  ? (*frames > 0 ? *frames : 0) + 1
+              : wants_more ? (*frames < 0 ? *frames : 0) - 1
+                           : 0;
+    if (*frames<FEWER_AFTER && * frames> - MORE_AFTER)
+        return false;
+    governor->rays = *frames > 0 ? fmax(floor(rays / RAYS_FACTOR), 1) : more;
+    *frames = 0;
+    governor->free_steps = FREE_STEPS;
+    return true;
 }
 
 static void fit(struct governor *governor, double photons, double time)
@@ -109,11 +148,12 @@ bool governor_step(struct governor *governor, const struct governor_frame *frame
         governor->fill += 0.3 * (clamp(frame->emitted / budget, 0.1, 1) - governor->fill);
     if (!learn(governor, frame->emitted, frame->measured_ns))
         return false;
+    if (frame->most_rays > 1 && steer_rays(governor, frame))
+        return true;
     double band = fmax(frame->is_at_rest ? GOVERNOR_REST_BAND : GOVERNOR_BAND, 0.75 * governor->noise);
     if (fabs(predict(governor, governor->fill * budget) / frame->target_ns - 1) <= band)
         return false;
-    double wanted = (frame->target_ns / governor->scale - governor->fixed_ns) / governor->slope_ns;
-    double ratio = fmax(wanted, 0) / (governor->fill * budget);
+    double ratio = photons_of(governor, frame->target_ns) / budget;
     if (governor->free_steps > 0)
         governor->free_steps--;
     else

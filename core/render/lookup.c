@@ -105,8 +105,6 @@ void lookup_fill(const struct view *view, uint32_t subframe_count, struct frame_
     data->lookup_filter = view->settings.filter_radius * (subframe_count > 1 ? 0.25f : 1);
     data->lookup_slots = slot_count(view);
     data->camera_branches = view->features.bits & FEATURE_BRANCHES ? 2 : 1;
-    data->camera_samples =
-        view->features.bits & FEATURE_SAMPLES ? (uint32_t)view->settings.camera_samples : 1;
     data->sample_capacity = (uint32_t)sample_capacity(view);
 }
 

@@ -60,6 +60,8 @@
     S(lights_shrunk, "count", "lights so large that a caster is in or close to them: taken as smaller")      \
     S(governor_photons, "count", "photon budget that budget_ms chose for this frame; 0: budget_ms is off")   \
     S(governor_target_area, "px^2", "target area that budget_ms chose for this frame; 0: budget_ms is off")  \
+    S(governor_camera_samples, "count",                                                                      \
+      "camera_samples that budget_ms chose for this frame; 0: budget_ms is off")                             \
     S(subframes, "count", "frames averaged into this one")                                                   \
     S(plan_ns, "ns", "CPU time spent on features and plan")                                                  \
     S(upload_ns, "ns", "CPU time spent on pose, tiles and uploads")                                          \

@@ -308,7 +308,7 @@ void plan_make(const struct view *view, const struct features *features, uint32_
 uint32_t budget_most(const struct view *view);
 /* Why budget_ms does not steer this frame; NULL: it does. */
 const char *budget_reason_against(const struct view *view, const struct plan *plan);
-/* Budget and target area of this frame. */
+/* Budget, target area and camera samples of this frame. */
 void budget_fill(struct view *view, struct frame_gpu *data);
 /* After it: what it took, and what that makes of the next. */
 void budget_measure(struct view *view, uint64_t elapsed_ns);

@@ -21,6 +21,8 @@ struct plant {
     struct governor governor;
     double fixed_ns, slope_ns, noise, fill; /* fill: share of a budget that is emitted */
     double emitted;
+    double most_rays, ray_ns; /* of camera rays in pixels that break up; 0: there are none */
+    uint32_t rays, rays_changes;
     uint32_t changes; /* of the budget */
     double budget, largest_step;
     bool is_at_rest;
@@ -44,7 +46,13 @@ static double run(struct plant *plant, double target_ns, double hitch_ns)
     double settled = plant->fill * budget;
     plant->emitted =
         plant->emitted > 0 && settled > plant->emitted ? 0.5 * (settled + plant->emitted) : settled;
-    double time = plant->fixed_ns + plant->slope_ns * plant->emitted;
+    double most_rays = fmax(plant->most_rays, 1);
+    uint32_t rays = governor_rays(&plant->governor, most_rays);
+    plant->rays_changes += plant->rays > 0 && rays != plant->rays;
+    plant->rays = rays;
+    /* The lookup has a part that does not grow with the rays. */
+    double rays_ns = plant->ray_ns * (4 + rays);
+    double time = plant->fixed_ns + rays_ns + plant->slope_ns * plant->emitted;
     plant->changes +=
         governor_step(&plant->governor, &(struct governor_frame){
                                             .measured_ns = time * (1 + plant->noise * noise()) + hitch_ns,
@@ -52,6 +60,8 @@ static double run(struct plant *plant, double target_ns, double hitch_ns)
                                             .emitted = plant->emitted,
                                             .least = LEAST,
                                             .most = MOST,
+                                            .most_rays = most_rays,
+                                            .rays_ns = rays_ns,
                                             .is_at_rest = plant->is_at_rest,
                                         });
     return time;
@@ -89,6 +99,38 @@ static void it_settles_from_a_cold_start(void **state)
             assert_true(settled <= 16);
             assert_true(largest <= fmax(first, 1.1));
         }
+}
+
+/* Camera rays that would leave hardly any photons are given up; they come back when there is time again, and
+ * do neither more than once. */
+static void camera_rays_are_steered(void **state)
+{
+    (void)state;
+    struct plant plant = plant_of(1e6, 100, 0.03);
+    plant.most_rays = 12;
+    plant.ray_ns = 6e5; /* all of them: 9.6 ms of 10 */
+    double largest;
+    uint32_t settled = settle(&plant, 1e7, 60, &largest);
+    print_message("costly rays: settled after %u frames, %u rays, %.0f photons emitted, largest %.2f\n",
+                  settled, plant.rays, plant.emitted, largest);
+    assert_true(settled <= 24);
+    assert_int_equal(plant.rays, 4);
+    assert_true(plant.emitted > MOST / 8);
+    plant.rays_changes = 0;
+    for (int i = 0; i < 400; i++)
+        assert_in_bound(fabs(run(&plant, 1e7, i % 50 == 7 ? 5e7 : 0) / 1e7 - 1), 0.1);
+    assert_int_equal(plant.rays_changes, 0);
+
+    plant.ray_ns = 5e4; /* less glass in view */
+    settle(&plant, 1e7, 60, &largest);
+    assert_int_equal(plant.rays, 12);
+    assert_int_equal(plant.rays_changes, 1);
+
+    plant.ray_ns = 3e6; /* there is no time even for one */
+    settle(&plant, 1e7, 60, &largest);
+    assert_int_equal(plant.rays, 1);
+    assert_true(plant.budget <= LEAST + 1);
+    assert_int_equal(plant.rays_changes, 3);
 }
 
 static void noise_and_hitches_do_not_pump(void **state)
@@ -205,13 +247,10 @@ static void rest_is_left_only_for_a_reason(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(it_settles_from_a_cold_start),
-        cmocka_unit_test(noise_and_hitches_do_not_pump),
-        cmocka_unit_test(a_path_is_followed_in_small_steps),
-        cmocka_unit_test(it_settles_after_a_cut),
-        cmocka_unit_test(limits_hold),
-        cmocka_unit_test(a_busy_machine_is_not_followed),
-        cmocka_unit_test(rest_is_left_only_for_a_reason),
+        cmocka_unit_test(it_settles_from_a_cold_start),   cmocka_unit_test(camera_rays_are_steered),
+        cmocka_unit_test(noise_and_hitches_do_not_pump),  cmocka_unit_test(a_path_is_followed_in_small_steps),
+        cmocka_unit_test(it_settles_after_a_cut),         cmocka_unit_test(limits_hold),
+        cmocka_unit_test(a_busy_machine_is_not_followed), cmocka_unit_test(rest_is_left_only_for_a_reason),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
