@@ -230,7 +230,7 @@ static void bench_cost(struct gpu *gpu, const struct options *options)
             median[k][0] = measure_median(wall[k], options->rounds);
             median[k][1] = measure_median(process[k], options->rounds);
         }
-        printf("| %s | %s | %.0f | %.0f | %.0f | %.0f | %.0f | %.0f | %.0f | %.0f | %.2f | **%.2f** |\n",
+        printf("| %s | %s | %.2f | %.2f | %.0f | %.2f | %.2f | %.0f | %.2f | %.2f | %.2f | **%.2f** |\n",
                sceneries[i].scene, sceneries[i].camera, median[DIRECT][0], median[DIRECT][1], emitted[DIRECT],
                median[INDIRECT][0], median[INDIRECT][1], emitted[INDIRECT],
                measure_median(lookup, options->rounds), measure_median(others, options->rounds),
