@@ -2,9 +2,11 @@
 #extension GL_GOOGLE_include_directive : require
 // lookup.comp: one thread per photon: walks the cells of the grid that its footprint covers, gives light to the chain
 // points there and counts how much of the picture shows it.
+// Long walks are put on a list. PHASE 1: those, eight threads each, so that none walks for long alone. The list's order depends
+// on who came first; what is summed does not: those sums are integers.
 //
 // Reads   photons to look up, grid of chain points
-// Writes  irradiance sums of chain points in units of frame.irradiance_unit; area and root of photons that are seen so
+// Writes  irradiance sums of chain points in units of frame.irradiance_unit; area and root of photons that are seen so; long walks
 // Source  design 5 (feedback), 8; aaps-thesis 5.2
 #include "frame.glsl"
 #include "optics.glsl"
@@ -18,6 +20,8 @@ layout(std430, binding = BINDING_PASS + 4) readonly buffer mark_buffer { uint ma
 layout(std430, binding = BINDING_PASS + 5) readonly buffer sorted_buffer { chain_point sorted[]; };
 layout(std430, binding = BINDING_PASS + 6) buffer sum_buffer { uint sums[]; };
 layout(std430, binding = BINDING_PASS + 7) buffer photon_buffer { photon photons[]; };
+layout(std430, binding = BINDING_PASS + 8) buffer walk_buffer { uint long_walks[]; };
+layout(constant_id = 8) const uint PHASE = 0u;
 #include "lookup_give.glsl"
 
 bool is_block_marked(ivec3 block, uint scale, uint level)
@@ -86,37 +90,60 @@ bool is_near(uint point)
     return cyy * o.x * o.x - 2.0 * cxy * o.x * o.y + cxx * o.y * o.y < cxx * cyy - cxy * cxy;
 }
 
-void walk()
+// The footprint along the axes: cells are walked in the plane of the two, i and j, that the normal is least along.
+struct {
+    uint i, j, k;
+    vec3 across;
+    float ii, ij, jj, kk; // covariance, m^2
+} span;
+
+void span_find()
 {
     vec3 n = giver.normal;
-    vec3 across = abs(n); // cells are walked in the plane of the two axes that the normal is least along
-    uint k = across.x > across.y ? (across.x > across.z ? 0u : 2u) : (across.y > across.z ? 1u : 2u);
-    uint i = (k + 1u) % 3u, j = (k + 2u) % 3u;
+    span.across = abs(n);
+    span.k = span.across.x > span.across.y ? (span.across.x > span.across.z ? 0u : 2u) : (span.across.y > span.across.z ? 1u : 2u);
+    span.i = (span.k + 1u) % 3u;
+    span.j = (span.k + 2u) % 3u;
     vec4 c = giver.covariance;
-    float dii = c.x * giver.t1[i] * giver.t1[i] + 2.0 * c.y * giver.t1[i] * giver.t2[i] + c.z * giver.t2[i] * giver.t2[i];
-    float djj = c.x * giver.t1[j] * giver.t1[j] + 2.0 * c.y * giver.t1[j] * giver.t2[j] + c.z * giver.t2[j] * giver.t2[j];
-    float dkk = c.x * giver.t1[k] * giver.t1[k] + 2.0 * c.y * giver.t1[k] * giver.t2[k] + c.z * giver.t2[k] * giver.t2[k];
-    float dij = c.x * giver.t1[i] * giver.t1[j] + c.y * (giver.t1[i] * giver.t2[j] + giver.t2[i] * giver.t1[j]) +
-                c.z * giver.t2[i] * giver.t2[j];
-    float slope_i = -n[i] / n[k], slope_j = -n[j] / n[k];
+    vec3 t1 = vec3(giver.t1[span.i], giver.t1[span.j], giver.t1[span.k]);
+    vec3 t2 = vec3(giver.t2[span.i], giver.t2[span.j], giver.t2[span.k]);
+    vec3 along = c.x * t1 * t1 + 2.0 * c.y * t1 * t2 + c.z * t2 * t2;
+    span.ii = along.x;
+    span.jj = along.y;
+    span.kk = along.z;
+    span.ij = c.x * t1.x * t1.y + c.y * (t1.x * t2.y + t2.x * t1.y) + c.z * t2.x * t2.y;
+}
 
-    // Levels with points nearby.
+// Levels with points nearby, and about how many cells that makes.
+uint levels_near(out float cells_near)
+{
     uint levels = lookup.levels, wanted = 0u;
     vec3 along;
-    along[i] = dii;
-    along[j] = djj;
-    along[k] = dkk;
+    along[span.i] = span.ii;
+    along[span.j] = span.jj;
+    along[span.k] = span.kk;
+    cells_near = 0.0;
     while (levels != 0u) {
         uint level = uint(findLSB(levels));
         levels &= levels - 1u;
-        float reach = level_size(level) * (1.0 / LOOKUP_CELL_REACH);
-        vec3 extent = sqrt(along + reach * reach) + (c.w + 0.25 * reach) * across;
-        if (is_marked(giver.position - extent, giver.position + extent, level))
+        float size = level_size(level), reach = size * (1.0 / LOOKUP_CELL_REACH);
+        vec3 extent = sqrt(along + reach * reach) + (giver.covariance.w + 0.25 * reach) * span.across;
+        if (is_marked(giver.position - extent, giver.position + extent, level)) {
             wanted |= 1u << level;
+            cells_near += (1.0 + 2.0 * extent[span.i] / size) * (1.0 + 2.0 * extent[span.j] / size);
+        }
     }
+    return wanted;
+}
 
-    if (wanted == 0u)
-        return;
+// The walk of `lanes` threads, which share out the cells.
+void walk(uint wanted, uint lane, uint lanes)
+{
+    vec4 c = giver.covariance;
+    vec3 across = span.across;
+    uint i = span.i, j = span.j, k = span.k;
+    float dii = span.ii, dij = span.ij, djj = span.jj;
+    float slope_i = -giver.normal[i] / giver.normal[k], slope_j = -giver.normal[j] / giver.normal[k];
     float finest = level_size(uint(findLSB(wanted)));
     float box = 4.0 * sqrt(dii * djj) / (finest * finest) * (2.0 + 2.0 * c.w / (across[k] * finest));
     if (box > float(LOOKUP_WALK_MAX)) {
@@ -131,19 +158,19 @@ void walk()
 
     // In turns: collect cells that hold points, then meet the points of all of them, each as one flat loop: lanes with
     // short walks don't wait at every cell for those with long ones.
-    uint level = 0u, rounds = 0u;
+    uint level = 0u, rounds = 0u, turn_of = 0u;
     float size = 1.0, xx = 1.0, xy = 0.0, yy = 1.0, root = 0.0, slack = 0.0, off = 0.0;
     ivec3 cell = ivec3(0);
     int row_end = -1, column_end = -1, depth_end = -1;
-    bool walks = true;
-    while (walks) {
+    bool goes_on = true;
+    while (goes_on) {
         uint held = 0u;
-        while (walks && held < HELD_MAX) {
+        while (goes_on && held < HELD_MAX) {
             if (++cell[k] > depth_end) {
                 if (++cell[i] > column_end) {
                     if (++cell[j] > row_end) {
                         if (wanted == 0u) {
-                            walks = false;
+                            goes_on = false;
                             break;
                         }
                         level = uint(findLSB(wanted));
@@ -180,7 +207,9 @@ void walk()
                 cell[k] = int(floor((middle - spread) / size));
                 depth_end = int(floor((middle + spread) / size));
             }
-            uint slot = is_block_marked(cell, 0u, level) ? find_cell(cell, level) : NONE;
+            bool is_mine = turn_of == lane;
+            turn_of = turn_of + 1u == lanes ? 0u : turn_of + 1u;
+            uint slot = is_mine && is_block_marked(cell, 0u, level) ? find_cell(cell, level) : NONE;
             if (slot != NONE)
                 held_cells[held++] = uvec2(cells[slot].first, cells[slot].count);
             rounds++;
@@ -204,8 +233,8 @@ void walk()
             for (uint n_th = 0u; n_th < near; n_th++)
                 give(sorted[near_points[n_th]], near_points[n_th]);
         } while (point != point_end || at != held);
-        if (rounds > LOOKUP_ROUNDS_MAX && walks) {
-            walks = false;
+        if (rounds > LOOKUP_ROUNDS_MAX && goes_on) {
+            goes_on = false;
             gave.guard++;
         }
     }
@@ -213,10 +242,35 @@ void walk()
 
 void main()
 {
-    uint index = gl_GlobalInvocationID.x;
-    bool is_looked_up = index < counters.photon_count && seen[index].cell != NONE;
-    give_begin(is_looked_up, index);
-    if (is_looked_up)
-        walk();
-    give_end(is_looked_up, index);
+    give_begin();
+    if (PHASE == 0u) {
+        uint index = gl_GlobalInvocationID.x;
+        if (index < counters.photon_count && seen[index].cell != NONE) {
+            gave.photons++;
+            giver_find(index);
+            span_find();
+            float cells_near;
+            uint wanted = levels_near(cells_near);
+            if (cells_near > frame.walk_alone)
+                long_walks[atomicAdd(lookup.long_walks, 1u)] = index;
+            else if (wanted != 0u) {
+                walk(wanted, 0u, 1u);
+                give_end();
+            }
+        }
+    } else {
+        uint each = GROUP_SIZE / 8u;
+        for (uint first = gl_WorkGroupID.x * each; first < lookup.long_walks; first += gl_NumWorkGroups.x * each) {
+            uint number = first + gl_LocalInvocationIndex / 8u;
+            bool has_walk = number < lookup.long_walks;
+            if (has_walk) {
+                giver_find(long_walks[number]);
+                span_find();
+                float cells_near;
+                walk(levels_near(cells_near), gl_LocalInvocationIndex % 8u, 8u);
+            }
+            give_end_together(has_walk);
+        }
+    }
+    give_count();
 }

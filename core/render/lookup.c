@@ -5,6 +5,12 @@
 
 #include "view_state.h"
 
+#define LONG_WALK_GROUPS 1024u /* workgroups that take eight long walks at a time, in turn */
+/* Cells above which a walk is long. On a CPU eight lanes are one thread: nothing waits for a long walk, and
+ * sharing it out took half as long again on `square` from behind. */
+#define LONG_WALK     64.0f
+#define LONG_WALK_CPU 1e9f
+
 /* ---- whether it is needed ------------------------------------------------------------------------------ */
 
 /* Whether a box about `middle` relative to the eye, with these half sizes, is wholly beyond the plane through
@@ -105,6 +111,7 @@ void lookup_fill(const struct view *view, uint32_t subframe_count, struct frame_
     data->lookup_filter = view->settings.filter_radius * (subframe_count > 1 ? 0.25f : 1);
     data->lookup_slots = slot_count(view);
     data->camera_branches = view->features.bits & FEATURE_BRANCHES ? 2 : 1;
+    data->walk_alone = gpu_info(renderer->gpu)->type == GPU_DEVICE_CPU ? LONG_WALK_CPU : LONG_WALK;
     data->sample_capacity = (uint32_t)sample_capacity(view);
 }
 
@@ -134,6 +141,7 @@ bool lookup_prepare(struct view *view)
                       view_buffer(view, BUFFER_TREE_SHARES, photons * 2 * sizeof(uint32_t))
                 : view_buffer(view, BUFFER_LOOKUP_CELLS, slot_count(view) * sizeof(struct lookup_cell)) &&
                       view_buffer(view, BUFFER_LOOKUP_MARKS, LOOKUP_MARK_WORDS * sizeof(uint32_t)) &&
+                      view_buffer(view, BUFFER_LOOKUP_WALKS, photons * sizeof(uint32_t)) &&
                       view_buffer(view, BUFFER_LOOKUP_POINTS, points * sizeof(struct chain_point))) &&
            view_buffer(view, BUFFER_LOOKUP_PHOTONS, photons * sizeof(struct lookup_photon)) &&
            view_buffer(view, BUFFER_LOOKUP_SUMS, points * channels * 2 * sizeof(uint32_t)) &&
@@ -178,18 +186,23 @@ static void record_grid(struct view *view, struct gpu_frame *frame)
                                                    {BINDING_PASS + 3, GPU_READ_WRITE, BUFFER_LOOKUP_MARKS},
                                                    {BINDING_PASS + 4, GPU_READ_WRITE, BUFFER_CHAIN_PLACES},
                                                    {BINDING_PASS + 5, GPU_WRITE, BUFFER_LOOKUP_POINTS})});
-    view_dispatch(view, frame,
-                  &(struct view_dispatch){.shader = "lookup.comp",
-                                          .indirect = BUFFER_COUNTERS,
-                                          .indirect_offset = offsetof(struct counters_gpu, photon_groups),
-                                          USES({BINDING_PASS, GPU_READ_WRITE, BUFFER_COUNTERS},
-                                               {BINDING_PASS + 1, GPU_READ_WRITE, BUFFER_LOOKUP},
-                                               {BINDING_PASS + 2, GPU_READ, BUFFER_LOOKUP_PHOTONS},
-                                               {BINDING_PASS + 3, GPU_READ, BUFFER_LOOKUP_CELLS},
-                                               {BINDING_PASS + 4, GPU_READ, BUFFER_LOOKUP_MARKS},
-                                               {BINDING_PASS + 5, GPU_READ, BUFFER_LOOKUP_POINTS},
-                                               {BINDING_PASS + 6, GPU_READ_WRITE, BUFFER_LOOKUP_SUMS},
-                                               {BINDING_PASS + 7, GPU_READ_WRITE, BUFFER_PHOTONS})});
+    for (uint32_t phase = 0; phase < 2; phase++)
+        view_dispatch(view, frame,
+                      &(struct view_dispatch){.shader = "lookup.comp",
+                                              .phase = phase,
+                                              .groups = {LONG_WALK_GROUPS, 1},
+                                              .indirect = BUFFER_COUNTERS,
+                                              .indirect_offset =
+                                                  phase ? 0 : offsetof(struct counters_gpu, photon_groups),
+                                              USES({BINDING_PASS, GPU_READ_WRITE, BUFFER_COUNTERS},
+                                                   {BINDING_PASS + 1, GPU_READ_WRITE, BUFFER_LOOKUP},
+                                                   {BINDING_PASS + 2, GPU_READ, BUFFER_LOOKUP_PHOTONS},
+                                                   {BINDING_PASS + 3, GPU_READ, BUFFER_LOOKUP_CELLS},
+                                                   {BINDING_PASS + 4, GPU_READ, BUFFER_LOOKUP_MARKS},
+                                                   {BINDING_PASS + 5, GPU_READ, BUFFER_LOOKUP_POINTS},
+                                                   {BINDING_PASS + 6, GPU_READ_WRITE, BUFFER_LOOKUP_SUMS},
+                                                   {BINDING_PASS + 7, GPU_READ_WRITE, BUFFER_PHOTONS},
+                                                   {BINDING_PASS + 8, GPU_READ_WRITE, BUFFER_LOOKUP_WALKS})});
 }
 
 /* A phase of photon_tree.comp; `groups` 0: over all photons. */

@@ -98,12 +98,14 @@ SHARED_SIZE(tree_photon, 32);
 /* Zeroed at the start of a frame, read back whole. */
 struct lookup_gpu {
     uint count[LOOKUP_COUNT_COUNT];
-    uint levels;                    /* bit set of levels that have points */
-    uint first;                     /* of the sorted list that is not handed out yet */
-    uint broken;                    /* pixels whose camera rays are several */
-    uint listed;                    /* chain points in the list of them */
-    uint low_x, low_y, low_z, pad0; /* of all chain points with their reach, as in tree_node */
-    uint high_x, high_y, high_z, pad1;
+    uint levels;              /* bit set of levels that have points */
+    uint first;               /* of the sorted list that is not handed out yet */
+    uint broken;              /* pixels whose camera rays are several */
+    uint listed;              /* chain points in the list of them */
+    uint low_x, low_y, low_z; /* of all chain points with their reach, as in tree_node */
+    uint high_x, high_y, high_z;
+    uint long_walks; /* photons on the list of them */
+    uint pad0;
 };
 SHARED_SIZE(lookup_gpu, 80);
 #endif

@@ -180,7 +180,8 @@ struct frame_gpu {
     float offset_steps;   /* struct scene_extent: how many floats rays are kept off surfaces elsewhere */
     uint camera_samples;  /* most camera rays of a pixel; 1: none but the one through its middle */
     uint sample_capacity; /* of all pixels together */
-    uint pad0, pad1, pad2;
+    float walk_alone;     /* cells of a lookup that one thread walks; above it eight do */
+    uint pad0, pad1;
 };
 SHARED_SIZE(frame_gpu, 400);
 

@@ -160,6 +160,7 @@ static struct lookup_case *case_of(uint32_t features, uint32_t count, bool in_on
     c->frame = (struct frame_gpu){.width = WIDTH,
                                   .height = HEIGHT,
                                   .camera_branches = LAYERS,
+                                  .walk_alone = 64,
                                   .lookup_base = 0x1p-14f,
                                   .lookup_slots = SLOTS,
                                   .irradiance_unit = 0x1p-16f,
@@ -193,20 +194,26 @@ static void look_up_by_grid(struct lookup_case *c, struct pass_list frame)
                                           {BINDING_PASS + 3, GPU_READ_WRITE, c->marks, sizeof c->marks},
                                           {BINDING_PASS + 4, GPU_READ_WRITE, c->places, sizeof c->places},
                                           {BINDING_PASS + 5, GPU_WRITE, c->sorted, sizeof c->sorted})});
-    pass_device_run(
-        pass_shared,
-        &(struct pass_run){
-            .shader = "lookup.comp",
-            .features = c->features,
-            .threads = c->count,
-            PASS_LISTS(frame, {BINDING_PASS, GPU_READ_WRITE, &c->counters, sizeof c->counters},
-                       {BINDING_PASS + 1, GPU_READ_WRITE, &c->lookup, sizeof c->lookup},
-                       {BINDING_PASS + 2, GPU_READ, c->seen, c->count * sizeof *c->seen},
-                       {BINDING_PASS + 3, GPU_READ, c->cells, sizeof c->cells},
-                       {BINDING_PASS + 4, GPU_READ, c->marks, sizeof c->marks},
-                       {BINDING_PASS + 5, GPU_READ, c->sorted, sizeof c->sorted},
-                       {BINDING_PASS + 6, GPU_READ_WRITE, c->sums, sizeof c->sums},
-                       {BINDING_PASS + 7, GPU_READ_WRITE, c->photons, c->count * sizeof *c->photons})});
+    uint32_t *walks = calloc(c->count, sizeof *walks);
+    assert_non_null(walks);
+    for (uint32_t phase = 0; phase < 2; phase++)
+        pass_device_run(
+            pass_shared,
+            &(struct pass_run){
+                .shader = "lookup.comp",
+                .features = c->features,
+                .phase = phase,
+                .threads = phase ? 3 * 64 : c->count /* fewer groups than walks: they take turns */,
+                PASS_LISTS(frame, {BINDING_PASS, GPU_READ_WRITE, &c->counters, sizeof c->counters},
+                           {BINDING_PASS + 1, GPU_READ_WRITE, &c->lookup, sizeof c->lookup},
+                           {BINDING_PASS + 2, GPU_READ, c->seen, c->count * sizeof *c->seen},
+                           {BINDING_PASS + 3, GPU_READ, c->cells, sizeof c->cells},
+                           {BINDING_PASS + 4, GPU_READ, c->marks, sizeof c->marks},
+                           {BINDING_PASS + 5, GPU_READ, c->sorted, sizeof c->sorted},
+                           {BINDING_PASS + 6, GPU_READ_WRITE, c->sums, sizeof c->sums},
+                           {BINDING_PASS + 7, GPU_READ_WRITE, c->photons, c->count * sizeof *c->photons},
+                           {BINDING_PASS + 8, GPU_READ_WRITE, walks, c->count * sizeof *walks})});
+    free(walks);
 }
 
 /* Points look for photons in the tree. */
@@ -411,11 +418,18 @@ static void both_ways_give_the_same_bits(void **state)
 {
     (void)state;
     static vec4 first[PIXELS];
-    struct lookup_gpu lookup[STRUCTURES];
-    for (int i = 0; i < STRUCTURES; i++) {
+    /* the grid: every photon walks alone, the short walks do, none does */
+    static const struct {
+        enum structure structure;
+        float walk_alone;
+    } ways[] = {{GRID, 1e9f}, {GRID, 12}, {GRID, 0}, {TREE, 0}};
+    enum { WAYS = sizeof ways / sizeof *ways };
+    struct lookup_gpu lookup[WAYS];
+    for (int i = 0; i < WAYS; i++) {
         random_state = 11;
         struct lookup_case *c = case_of(FEATURE_CHROMATIC, 3000, false);
-        look_up(c, i);
+        c->frame.walk_alone = ways[i].walk_alone;
+        look_up(c, ways[i].structure);
         lookup[i] = c->lookup;
         if (i == 0)
             memcpy(first, c->indirect, sizeof first);
@@ -425,8 +439,12 @@ static void both_ways_give_the_same_bits(void **state)
     }
     const int same[] = {LOOKUP_COUNT_POINTS, LOOKUP_COUNT_PHOTONS, LOOKUP_COUNT_SEEN, LOOKUP_COUNT_INSIDE};
     for (int i = 0; i < 4; i++)
-        assert_int_equal(lookup[GRID].count[same[i]], lookup[TREE].count[same[i]]);
-    assert_true(lookup[TREE].count[LOOKUP_COUNT_INSIDE] > 1000);
+        for (int way = 1; way < WAYS; way++)
+            assert_int_equal(lookup[way].count[same[i]], lookup[0].count[same[i]]);
+    print_message("%u long walks, all: %u\n", lookup[1].long_walks, lookup[2].long_walks);
+    assert_int_equal(lookup[0].long_walks, 0);
+    assert_true(lookup[1].long_walks > 100 && lookup[1].long_walks < lookup[2].long_walks);
+    assert_true(lookup[0].count[LOOKUP_COUNT_INSIDE] > 1000);
 }
 
 /* Points and photons the other way round: the same light at the same pixels, bit by bit. */
