@@ -81,8 +81,10 @@ static struct gpu_pipeline *find_pipeline(struct view *view, const struct view_d
     memcpy(wanted.constants, values, sizeof values);
     for (uint32_t i = 0; i < r->pipeline_count; i++)
         if (strcmp(r->pipelines[i].shader, wanted.shader) == 0 &&
-            memcmp(r->pipelines[i].constants, values, sizeof values) == 0)
+            memcmp(r->pipelines[i].constants, values, sizeof values) == 0) {
+            r->pipelines[i].last_used = ++r->pipeline_uses;
             return r->pipelines[i].pipeline;
+        }
     size_t bytes;
     const uint32_t *spirv = shader_find(wanted.shader, &bytes);
     if (!spirv) {
@@ -107,13 +109,20 @@ static struct gpu_pipeline *find_pipeline(struct view *view, const struct view_d
                                           &view->error);
     if (!wanted.pipeline)
         return NULL;
-    if (r->pipeline_count == RENDERER_MAX_PIPELINES) {
-        /* many settings were tried: start over with an empty table */
-        for (uint32_t i = 0; i < r->pipeline_count; i++)
-            gpu_pipeline_destroy(&r->pipelines[i].pipeline);
-        r->pipeline_count = 0;
+    wanted.last_used = ++r->pipeline_uses;
+    uint32_t place = r->pipeline_count;
+    if (place < RENDERER_MAX_PIPELINES)
+        r->pipeline_count++;
+    else {
+        /* Many settings were tried: what was not used for longest goes, which the frame being recorded does
+         * not use. */
+        place = 0;
+        for (uint32_t i = 1; i < r->pipeline_count; i++)
+            if (r->pipelines[i].last_used < r->pipelines[place].last_used)
+                place = i;
+        gpu_pipeline_destroy(&r->pipelines[place].pipeline);
     }
-    r->pipelines[r->pipeline_count++] = wanted;
+    r->pipelines[place] = wanted;
     return wanted.pipeline;
 }
 

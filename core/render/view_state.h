@@ -18,7 +18,7 @@
 
 /* ---- renderer ------------------------------------------------------------------------------------------ */
 
-#define RENDERER_MAX_PIPELINES 256u
+#define RENDERER_MAX_PIPELINES 256u /* several times what one frame uses */
 #define MAX_CASTER_BOXES       4096u
 #define TILES_MAX              64u /* of all lights, insets included; at least one for each of SCENE_MAX_LIGHTS */
 
@@ -35,6 +35,7 @@
 struct renderer_pipeline {
     char shader[48];
     uint32_t constants[7];
+    uint64_t last_used; /* renderer's pipeline_uses then */
     struct gpu_pipeline *pipeline;
 };
 
@@ -72,6 +73,7 @@ struct renderer {
 
     struct renderer_pipeline pipelines[RENDERER_MAX_PIPELINES];
     uint32_t pipeline_count;
+    uint64_t pipeline_uses;
 };
 
 size_t renderer_rays_per_photon(const struct scene *scene);

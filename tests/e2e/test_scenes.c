@@ -21,7 +21,8 @@ static void serve(const char *scene)
     uint32_t view = wire_new_view(wire, 64, 36);
     wire_expect_ok(wire, wire_setting(wire, view, SETTING_photons, 4096));
     wire_expect_frame(wire, wire_render(wire, view, ALL_CHANNELS));
-    /* What changes buffers between frames, and each way to splat and to split. */
+    /* What changes buffers between frames, and each way to splat and to split; in all more pipelines than a
+     * renderer keeps. */
     static const struct {
         uint32_t setting;
         double value;
