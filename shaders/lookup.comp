@@ -21,6 +21,7 @@ layout(std430, binding = BINDING_PASS + 5) readonly buffer sorted_buffer { chain
 layout(std430, binding = BINDING_PASS + 6) buffer sum_buffer { uint sums[]; };
 layout(std430, binding = BINDING_PASS + 7) buffer photon_buffer { photon photons[]; };
 layout(std430, binding = BINDING_PASS + 8) buffer walk_buffer { uint long_walks[]; };
+layout(std430, binding = BINDING_PASS + 9) readonly buffer code_buffer { uint codes[]; };
 layout(constant_id = 8) const uint PHASE = 0u;
 #include "lookup_give.glsl"
 
@@ -62,32 +63,37 @@ uint find_cell(ivec3 cell, uint level)
     uint slot = cell_hash(cell, level);
     for (uint k = 0u; k < LOOKUP_PROBES; k++, slot++) {
         slot &= frame.lookup_slots - 1u;
-        if (cells[slot].count == 0u)
+        uint owner = cells[slot].owner;
+        if (owner == 0u)
             return NONE;
         if (int(cells[slot].x) == cell.x && int(cells[slot].y) == cell.y && int(cells[slot].z) == cell.z &&
-            cells[slot].level == level)
+            owner >> 27 == level)
             return slot;
     }
     return NONE;
 }
 
-// Cells found and not yet visited. Global: arrays that are handed to functions are copied (docs/drivers.md).
+// Cells of one level that may hold points, as packed steps from the photon's; then where the points of those found start.
+// Global: arrays that are handed to functions are copied (docs/drivers.md).
 const uint HELD_MAX = 16u;
-uvec2 held_cells[HELD_MAX];
+uint held_cells[HELD_MAX];
 // Points that passed is_near: few do, so what is dear is done for several lanes together.
-const uint NEAR_MAX = 16u;
+const uint NEAR_MAX = 32u;
 uint near_points[NEAR_MAX];
 
-// May the photon reach the point? As if the pixel's filter were as wide as its reach all round.
-bool is_near(uint point)
+// May the photon, at this place, reach the point of this code? As if the pixel's filter were as wide as its reach all round, and
+// both together, nowhere narrower than that reach, wider by what the code leaves open: half the diagonal of its steps.
+const float NEAR_OPEN = 0.5 * 1.7321 * LOOKUP_CELL_REACH / float(LOOKUP_PLACE_STEPS) + 1e-4;
+
+bool is_near(uint code, vec3 place, float size)
 {
-    vec3 offset = sorted[point].position_normal.xyz - giver.position;
-    float reach2 = axes_reach(sorted[point].axes);
-    reach2 *= reach2 * 1.0001;
+    vec3 offset = near_offset(code, place, size);
+    float width = near_width(code), reach = width * size * (1.0 / LOOKUP_CELL_REACH);
     vec2 o = vec2(dot(offset, giver.t1), dot(offset, giver.t2));
-    float cxx = giver.covariance.x + reach2, cxy = giver.covariance.y, cyy = giver.covariance.z + reach2;
+    float cxx = giver.covariance.x + reach * reach, cxy = giver.covariance.y, cyy = giver.covariance.z + reach * reach;
+    float open = width + NEAR_OPEN;
     gave.tested++;
-    return cyy * o.x * o.x - 2.0 * cxy * o.x * o.y + cxx * o.y * o.y < cxx * cyy - cxy * cxy;
+    return (cyy * o.x * o.x - 2.0 * cxy * o.x * o.y + cxx * o.y * o.y) * width * width < (cxx * cyy - cxy * cxy) * open * open;
 }
 
 // The footprint along the axes: cells are walked in the plane of the two, i and j, that the normal is least along.
@@ -136,39 +142,51 @@ uint levels_near(out float cells_near)
     return wanted;
 }
 
-// The walk of `lanes` threads, which share out the cells.
+// From i, j, k to x, y, z.
+ivec3 cell_along_axes(ivec3 cell)
+{
+    return span.k == 2u ? cell : span.k == 0u ? cell.zxy : cell.yzx;
+}
+
+// The walk of `lanes` threads, which share out the cells. Vectors are along i, j, k.
 void walk(uint wanted, uint lane, uint lanes)
 {
     vec4 c = giver.covariance;
-    vec3 across = span.across;
-    uint i = span.i, j = span.j, k = span.k;
-    float dii = span.ii, dij = span.ij, djj = span.jj;
-    float slope_i = -giver.normal[i] / giver.normal[k], slope_j = -giver.normal[j] / giver.normal[k];
+    vec3 position = vec3(giver.position[span.i], giver.position[span.j], giver.position[span.k]);
+    vec3 across = vec3(span.across[span.i], span.across[span.j], span.across[span.k]);
+    float dii = span.ii, dij = span.ij, djj = span.jj, dkk = span.kk;
+    float slope_i = -giver.normal[span.i] / giver.normal[span.k], slope_j = -giver.normal[span.j] / giver.normal[span.k];
     float finest = level_size(uint(findLSB(wanted)));
-    float box = 4.0 * sqrt(dii * djj) / (finest * finest) * (2.0 + 2.0 * c.w / (across[k] * finest));
-    if (box > float(LOOKUP_WALK_MAX)) {
-        float shrink = float(LOOKUP_WALK_MAX) / box;
+    float box = 4.0 * sqrt(dii * djj) / (finest * finest) * (2.0 + 2.0 * c.w / (across.z * finest));
+    float longest = sqrt(dii + djj + dkk) * (1.0 / (500.0 * finest));
+    if (box > float(LOOKUP_WALK_MAX) || longest > 1.0) {
+        float shrink = min(float(LOOKUP_WALK_MAX) / box, 1.0 / (longest * longest));
         c *= vec4(vec3(shrink), sqrt(shrink));
         giver.covariance = c;
         dii *= shrink;
         dij *= shrink;
         djj *= shrink;
+        dkk *= shrink;
         gave.guard++;
     }
 
-    // In turns: collect cells that hold points, then meet the points of all of them, each as one flat loop: lanes with
-    // short walks don't wait at every cell for those with long ones.
+    // In turns: collect cells that may hold points, find them, meet the points of all of them, each as one flat loop: lanes
+    // with short walks don't wait at every cell for those with long ones, and what a loop's every round would do for few is not in it.
     uint level = 0u, rounds = 0u, turn_of = 0u;
-    float size = 1.0, xx = 1.0, xy = 0.0, yy = 1.0, root = 0.0, slack = 0.0, off = 0.0;
-    ivec3 cell = ivec3(0);
+    float size = 1.0, per_size = 1.0, off = 0.0, spread = 0.0;
+    float reach_j = 0.0, per_yy = 0.0, shear = 0.0, turn = 0.0, root = 0.0; // of the ellipse: rows are cuts through it
+    ivec3 cell = ivec3(0), home = ivec3(0);
+    vec3 place = vec3(0.0);
     int row_end = -1, column_end = -1, depth_end = -1;
-    bool goes_on = true;
+    bool goes_on = true, is_wide = false;
     while (goes_on) {
         uint held = 0u;
         while (goes_on && held < HELD_MAX) {
-            if (++cell[k] > depth_end) {
-                if (++cell[i] > column_end) {
-                    if (++cell[j] > row_end) {
+            if (++cell.z > depth_end) {
+                if (++cell.x > column_end) {
+                    if (++cell.y > row_end) {
+                        if (held != 0u)
+                            break; // the next level's cells have another size
                         if (wanted == 0u) {
                             goes_on = false;
                             break;
@@ -176,63 +194,76 @@ void walk(uint wanted, uint lane, uint lanes)
                         level = uint(findLSB(wanted));
                         wanted &= wanted - 1u;
                         size = level_size(level);
+                        per_size = 1.0 / size;
+                        home = cell_of(position, size);
+                        place = near_place(giver.position, size);
                         float reach = size * (1.0 / LOOKUP_CELL_REACH);
-                        xx = dii + reach * reach;
-                        xy = dij;
-                        yy = djj + reach * reach;
+                        float xx = dii + reach * reach, yy = djj + reach * reach;
                         off = c.w + 0.25 * reach;
-                        slack = off / across[k];
-                        root = sqrt(max(xx - xy * xy / yy, 0.0)); // half width of the row through the middle
-                        float reach_j = sqrt(yy);
-                        cell[j] = int(floor((giver.position[j] - reach_j - off * across[j]) / size));
-                        row_end = int(floor((giver.position[j] + reach_j + off * across[j]) / size));
+                        per_yy = 1.0 / yy;
+                        shear = dij * per_yy;
+                        root = sqrt(max(xx - dij * shear, 0.0)); // half width of the row through the middle
+                        reach_j = sqrt(yy);
+                        turn = dij * inversesqrt(xx);
+                        spread = (0.5 * size * (abs(slope_i) + abs(slope_j)) + off / across.z) * per_size;
+                        is_wide = sqrt(dii + djj + dkk) + reach + 2.0 * off > LOOKUP_WIDE * size;
+                        cell.y = int(floor((position.y - reach_j - off * across.y) * per_size));
+                        row_end = int(floor((position.y + reach_j + off * across.y) * per_size));
                     }
                     // The ellipse's span over the row's height: its leftmost and rightmost points, or where it is cut.
                     // A point off the plane is seen beside its place there.
-                    float low = float(cell[j]) * size - giver.position[j] - off * across[j];
-                    float high = low + size + 2.0 * off * across[j];
-                    float reach_j = sqrt(yy), turn = xy * inversesqrt(xx);
-                    float y_right = clamp(turn, clamp(low, -reach_j, reach_j), clamp(high, -reach_j, reach_j));
-                    float y_left = clamp(-turn, clamp(low, -reach_j, reach_j), clamp(high, -reach_j, reach_j));
-                    float right = xy / yy * y_right + root * sqrt(max(1.0 - y_right * y_right / yy, 0.0));
-                    float left = xy / yy * y_left - root * sqrt(max(1.0 - y_left * y_left / yy, 0.0));
-                    cell[i] = int(floor((giver.position[i] + left - off * across[i]) / size - 1e-3));
-                    column_end = int(floor((giver.position[i] + right + off * across[i]) / size + 1e-3));
+                    float low = float(cell.y) * size - position.y - off * across.y;
+                    float high = clamp(low + size + 2.0 * off * across.y, -reach_j, reach_j);
+                    low = clamp(low, -reach_j, reach_j);
+                    float y_right = clamp(turn, low, high), y_left = clamp(-turn, low, high);
+                    float right = shear * y_right + root * sqrt(max(1.0 - y_right * y_right * per_yy, 0.0));
+                    float left = shear * y_left - root * sqrt(max(1.0 - y_left * y_left * per_yy, 0.0));
+                    cell.x = int(floor((position.x + left - off * across.x) * per_size - 1e-3));
+                    column_end = int(floor((position.x + right + off * across.x) * per_size + 1e-3));
                 }
                 // The plane's depth over the cell.
-                float at_i = (float(cell[i]) + 0.5) * size - giver.position[i];
-                float at_j = (float(cell[j]) + 0.5) * size - giver.position[j];
-                float middle = giver.position[k] + slope_i * at_i + slope_j * at_j;
-                float spread = 0.5 * size * (abs(slope_i) + abs(slope_j)) + slack;
-                cell[k] = int(floor((middle - spread) / size));
-                depth_end = int(floor((middle + spread) / size));
+                float at_i = (float(cell.x) + 0.5) * size - position.x;
+                float at_j = (float(cell.y) + 0.5) * size - position.y;
+                float middle = (position.z + slope_i * at_i + slope_j * at_j) * per_size;
+                cell.z = int(floor(middle - spread));
+                depth_end = int(floor(middle + spread));
             }
             bool is_mine = turn_of == lane;
             turn_of = turn_of + 1u == lanes ? 0u : turn_of + 1u;
-            uint slot = is_mine && is_block_marked(cell, 0u, level) ? find_cell(cell, level) : NONE;
-            if (slot != NONE)
-                held_cells[held++] = uvec2(cells[slot].first, cells[slot].count);
+            if (is_mine && is_block_marked(cell_along_axes(cell), 0u, level)) {
+                uvec3 steps = uvec3(cell - home + 512);
+                held_cells[held++] = steps.x | (steps.y << 10) | (steps.z << 20);
+            }
             rounds++;
         }
-        uint at = 0u, point = 0u, point_end = 0u;
+        uint found = 0u;
+        for (uint n_th = 0u; n_th < held; n_th++) {
+            uint steps = held_cells[n_th];
+            uint slot = find_cell(cell_along_axes(home + ivec3(uvec3(steps, steps >> 10, steps >> 20) & 1023u) - 512), level);
+            if (slot != NONE)
+                held_cells[found++] = cells[slot].first;
+            rounds++;
+        }
+        uint at = 0u, point = 0u;
+        bool is_last = true;
         do {
             uint near = 0u;
             while (near < NEAR_MAX) {
-                if (point == point_end) {
-                    if (at == held)
+                if (is_last) {
+                    if (at == found)
                         break;
-                    point = held_cells[at].x;
-                    point_end = point + held_cells[at].y;
-                    at++;
+                    point = held_cells[at++];
                 }
-                if (is_near(point))
+                uint code = codes[point];
+                is_last = (code & LOOKUP_LAST) != 0u;
+                if (is_wide || is_near(code, place, size))
                     near_points[near++] = point;
                 point++;
                 rounds++;
             }
             for (uint n_th = 0u; n_th < near; n_th++)
                 give(sorted[near_points[n_th]], near_points[n_th]);
-        } while (point != point_end || at != held);
+        } while (!is_last || at != found);
         if (rounds > LOOKUP_ROUNDS_MAX && goes_on) {
             goes_on = false;
             gave.guard++;
@@ -244,7 +275,9 @@ void main()
 {
     give_begin();
     if (PHASE == 0u) {
-        uint index = gl_GlobalInvocationID.x;
+        // Far photons in turn: devices that give each of their threads one run of workgroups would have some idle else.
+        uint groups = gl_NumWorkGroups.x, stride = groups % 61u != 0u ? 61u : 59u;
+        uint index = gl_WorkGroupID.x * stride % groups * GROUP_SIZE + gl_LocalInvocationIndex;
         if (index < counters.photon_count && seen[index].cell != NONE) {
             gave.photons++;
             giver_find(index);

@@ -73,6 +73,38 @@ ivec3 cell_of(vec3 position, float size)
     return ivec3(floor(position / size));
 }
 
+// The word of shared/lookup_layout.h.
+uint near_code(chain_point point, uint level)
+{
+    float size = level_size(level);
+    uvec3 place = uvec3(ivec3(floor(point.position_normal.xyz * (float(LOOKUP_PLACE_STEPS) / size)))) & LOOKUP_PLACE_MASK;
+    float reach = axes_reach(point.axes) * LOOKUP_CELL_REACH / size;
+    uint width = uint(clamp(ceil(reach * 32.0), 17.0, 32.0)) - 17u;
+    return place.x | (place.y << 9) | (place.z << 18) | (width << 27);
+}
+
+// A place on that lattice, which repeats.
+vec3 near_place(vec3 position, float size)
+{
+    float period = float(LOOKUP_PLACE_MASK + 1u);
+    vec3 place = position * (float(LOOKUP_PLACE_STEPS) / size);
+    return place - period * floor(place / period);
+}
+
+// From such a place to the point's, m.
+vec3 near_offset(uint code, vec3 place, float size)
+{
+    float period = float(LOOKUP_PLACE_MASK + 1u);
+    vec3 steps = vec3(uvec3(code, code >> 9, code >> 18) & LOOKUP_PLACE_MASK) + 0.5 - place;
+    return (steps - period * floor(steps / period + 0.5)) * (size / float(LOOKUP_PLACE_STEPS));
+}
+
+// At least the point's reach over the most that its cell holds.
+float near_width(uint code)
+{
+    return float(17u + ((code >> 27) & 15u)) * (1.0 / 32.0);
+}
+
 uint cell_hash(ivec3 cell, uint level)
 {
     uint h = uint(cell.x) * 0x9e3779b1u + uint(cell.y) * 0x85ebca77u + uint(cell.z) * 0xc2b2ae3du + level * 0x27d4eb2fu;

@@ -1,12 +1,13 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 // lookup_grid.comp: sorts the frame's chain points into a hash grid of several levels.
-// PHASE 0: every point finds or claims its cell and its rank there; PHASE 1: cells get their part of the sorted list;
-// PHASE 2: points go to their places. Which slot, rank and part they get depends on who came first; what is summed over
+// PHASE 0: every point finds or claims its cell and its rank there, and cells get on a list; PHASE 1: they get their part of
+// the sorted points; PHASE 2: points go to their places. Which slot, rank and part they get depends on who came first; what is summed over
 // them does not: those sums are integers.
 //
 // Reads   chain points
-// Writes  cells, marks of blocks that hold points, places (slot and rank, then place in the list), sorted points
+// Writes  cells, marks of blocks that hold points, places (slot and rank, then place among the sorted), sorted points and
+//         their codes (before that the list of cells)
 // Source  design 8
 #include "frame.glsl"
 #include "lookup.glsl"
@@ -18,6 +19,7 @@ layout(std430, binding = BINDING_PASS + 2) buffer cell_buffer { lookup_cell cell
 layout(std430, binding = BINDING_PASS + 3) buffer mark_buffer { uint marks[]; };
 layout(std430, binding = BINDING_PASS + 4) buffer place_buffer { uvec2 places[]; };
 layout(std430, binding = BINDING_PASS + 5) writeonly buffer sorted_buffer { chain_point sorted[]; };
+layout(std430, binding = BINDING_PASS + 6) buffer code_buffer { uint codes[]; };
 
 #include "lookup_points.glsl"
 #include "hand_out.glsl"
@@ -60,7 +62,7 @@ void insert(uint number)
         if (place.x != NONE) {
             place.y = atomicAdd(cells[place.x].count, 1u);
             if (place.y == 0u) {
-                atomicAdd(lookup.count[LOOKUP_COUNT_CELLS], 1u);
+                codes[atomicAdd(lookup.count[LOOKUP_COUNT_CELLS], 1u)] = place.x;
                 atomicOr(lookup.levels, 1u << level);
             }
             ivec3 cell = cell_of(point.position_normal.xyz, level_size(level));
@@ -78,10 +80,13 @@ void main()
 {
     uint index = gl_GlobalInvocationID.x;
     if (PHASE == 1u) {
-        uint count = index < frame.lookup_slots ? cells[index].count : 0u;
-        uint first = hand_out(count);
-        if (count > 0u)
-            cells[index].first = first;
+        uint cell_count = lookup.count[LOOKUP_COUNT_CELLS];
+        if (gl_WorkGroupID.x * GROUP_SIZE >= cell_count)
+            return;
+        uint slot = index < cell_count ? codes[index] : NONE;
+        uint first = hand_out(slot != NONE ? cells[slot].count : 0u);
+        if (slot != NONE)
+            cells[slot].first = first;
         return;
     }
     if (!point_is_used(index))
@@ -94,6 +99,9 @@ void main()
     if (place.x == NONE)
         return;
     uint at = cells[place.x].first + place.y;
-    sorted[at] = chains[index];
+    chain_point point = chains[index];
+    sorted[at] = point;
+    bool is_last = place.y + 1u == cells[place.x].count;
+    codes[at] = near_code(point, cells[place.x].level) | (is_last ? LOOKUP_LAST : 0u);
     places[index] = uvec2(at, 0u);
 }

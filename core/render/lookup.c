@@ -7,7 +7,7 @@
 
 #define LONG_WALK_GROUPS 1024u /* workgroups that take eight long walks at a time, in turn */
 /* Cells above which a walk is long. On a CPU eight lanes are one thread: nothing waits for a long walk, and
- * sharing it out took half as long again on `square` from behind. */
+ * sharing it out took half as long again on `square` from behind; so nothing is dispatched for them. */
 #define LONG_WALK     64.0f
 #define LONG_WALK_CPU 1e9f
 
@@ -142,7 +142,8 @@ bool lookup_prepare(struct view *view)
                 : view_buffer(view, BUFFER_LOOKUP_CELLS, slot_count(view) * sizeof(struct lookup_cell)) &&
                       view_buffer(view, BUFFER_LOOKUP_MARKS, LOOKUP_MARK_WORDS * sizeof(uint32_t)) &&
                       view_buffer(view, BUFFER_LOOKUP_WALKS, photons * sizeof(uint32_t)) &&
-                      view_buffer(view, BUFFER_LOOKUP_POINTS, points * sizeof(struct chain_point))) &&
+                      view_buffer(view, BUFFER_LOOKUP_POINTS, points * sizeof(struct chain_point)) &&
+                      view_buffer(view, BUFFER_LOOKUP_CODES, points * sizeof(uint32_t))) &&
            view_buffer(view, BUFFER_LOOKUP_PHOTONS, photons * sizeof(struct lookup_photon)) &&
            view_buffer(view, BUFFER_LOOKUP_SUMS, points * channels * 2 * sizeof(uint32_t)) &&
            view_buffer(view, BUFFER_INDIRECT, pixels * sizeof(vec4));
@@ -171,22 +172,22 @@ static void zero(struct view *view, struct gpu_frame *frame, enum view_buffer bu
 /* Photons look for points. */
 static void record_grid(struct view *view, struct gpu_frame *frame)
 {
-    const uint32_t groups[3] = {groups_of((uint32_t)point_count(view)), groups_of(slot_count(view)),
-                                groups_of((uint32_t)point_count(view))};
     zero(view, frame, BUFFER_LOOKUP_CELLS);
     zero(view, frame, BUFFER_LOOKUP_MARKS);
     for (uint32_t phase = 0; phase < 3; phase++)
         view_dispatch(view, frame,
                       &(struct view_dispatch){.shader = "lookup_grid.comp",
                                               .phase = phase,
-                                              .groups = {groups[phase], 1},
+                                              .groups = {groups_of((uint32_t)point_count(view)), 1},
                                               USES({BINDING_PASS, GPU_READ_WRITE, BUFFER_LOOKUP},
                                                    {BINDING_PASS + 1, GPU_READ, BUFFER_CHAINS},
                                                    {BINDING_PASS + 2, GPU_READ_WRITE, BUFFER_LOOKUP_CELLS},
                                                    {BINDING_PASS + 3, GPU_READ_WRITE, BUFFER_LOOKUP_MARKS},
                                                    {BINDING_PASS + 4, GPU_READ_WRITE, BUFFER_CHAIN_PLACES},
-                                                   {BINDING_PASS + 5, GPU_WRITE, BUFFER_LOOKUP_POINTS})});
-    for (uint32_t phase = 0; phase < 2; phase++)
+                                                   {BINDING_PASS + 5, GPU_WRITE, BUFFER_LOOKUP_POINTS},
+                                                   {BINDING_PASS + 6, GPU_READ_WRITE, BUFFER_LOOKUP_CODES})});
+    const uint32_t phases = view->data.walk_alone < LONG_WALK_CPU ? 2 : 1;
+    for (uint32_t phase = 0; phase < phases; phase++)
         view_dispatch(view, frame,
                       &(struct view_dispatch){.shader = "lookup.comp",
                                               .phase = phase,
@@ -202,7 +203,8 @@ static void record_grid(struct view *view, struct gpu_frame *frame)
                                                    {BINDING_PASS + 5, GPU_READ, BUFFER_LOOKUP_POINTS},
                                                    {BINDING_PASS + 6, GPU_READ_WRITE, BUFFER_LOOKUP_SUMS},
                                                    {BINDING_PASS + 7, GPU_READ_WRITE, BUFFER_PHOTONS},
-                                                   {BINDING_PASS + 8, GPU_READ_WRITE, BUFFER_LOOKUP_WALKS})});
+                                                   {BINDING_PASS + 8, GPU_READ_WRITE, BUFFER_LOOKUP_WALKS},
+                                                   {BINDING_PASS + 9, GPU_READ, BUFFER_LOOKUP_CODES})});
 }
 
 /* A phase of photon_tree.comp; `groups` 0: over all photons. */

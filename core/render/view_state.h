@@ -129,6 +129,7 @@ enum view_buffer {
     BUFFER_LOOKUP_MARKS,
     BUFFER_LOOKUP_WALKS,
     BUFFER_LOOKUP_POINTS,
+    BUFFER_LOOKUP_CODES,
     BUFFER_LOOKUP_PHOTONS,
     BUFFER_LOOKUP_SUMS,
     BUFFER_TREE_NODES, /* of photons, where points look for them */

@@ -42,6 +42,14 @@ struct chain_point {
 };
 SHARED_SIZE(chain_point, 32);
 
+/* One word per point of the sorted list, enough to tell that a photon is too far from it: where it is, in
+ * 32nds of a cell, 9 bits of each coordinate, so that places repeat after 16 cells; 4 bits of its reach, in
+ * 32nds of the most that its cell holds, from half of that on; and whether it is the last one of its cell. */
+#define LOOKUP_PLACE_STEPS 32
+#define LOOKUP_PLACE_MASK  511u
+#define LOOKUP_WIDE        7.0f /* cells: of wider footprints most points in their cells are near */
+#define LOOKUP_LAST        0x80000000u
+
 struct lookup_cell {
     uint x, y, z, level; /* coordinates as the bits of ints */
     uint first, count;   /* its points in the sorted list */

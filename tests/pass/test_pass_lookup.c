@@ -66,7 +66,7 @@ struct lookup_case {
     struct frame_gpu frame;
     uint32_t features, count;
     struct chain_point chains[POINTS], sorted[POINTS];
-    uint32_t places[2 * POINTS];
+    uint32_t places[2 * POINTS], codes[POINTS];
     vec4 weights[POINTS], indirect[PIXELS];
     struct lookup_cell cells[SLOTS];
     uint32_t marks[LOOKUP_MARK_WORDS];
@@ -187,13 +187,14 @@ static void look_up_by_grid(struct lookup_case *c, struct pass_list frame)
             &(struct pass_run){.shader = "lookup_grid.comp",
                                .features = c->features,
                                .phase = phase,
-                               .threads = phase == 1 ? SLOTS : POINTS,
+                               .threads = POINTS,
                                PASS_LISTS(frame, {BINDING_PASS, GPU_READ_WRITE, &c->lookup, sizeof c->lookup},
                                           {BINDING_PASS + 1, GPU_READ, c->chains, sizeof c->chains},
                                           {BINDING_PASS + 2, GPU_READ_WRITE, c->cells, sizeof c->cells},
                                           {BINDING_PASS + 3, GPU_READ_WRITE, c->marks, sizeof c->marks},
                                           {BINDING_PASS + 4, GPU_READ_WRITE, c->places, sizeof c->places},
-                                          {BINDING_PASS + 5, GPU_WRITE, c->sorted, sizeof c->sorted})});
+                                          {BINDING_PASS + 5, GPU_WRITE, c->sorted, sizeof c->sorted},
+                                          {BINDING_PASS + 6, GPU_READ_WRITE, c->codes, sizeof c->codes})});
     uint32_t *walks = calloc(c->count, sizeof *walks);
     assert_non_null(walks);
     for (uint32_t phase = 0; phase < 2; phase++)
@@ -212,7 +213,8 @@ static void look_up_by_grid(struct lookup_case *c, struct pass_list frame)
                            {BINDING_PASS + 5, GPU_READ, c->sorted, sizeof c->sorted},
                            {BINDING_PASS + 6, GPU_READ_WRITE, c->sums, sizeof c->sums},
                            {BINDING_PASS + 7, GPU_READ_WRITE, c->photons, c->count * sizeof *c->photons},
-                           {BINDING_PASS + 8, GPU_READ_WRITE, walks, c->count * sizeof *walks})});
+                           {BINDING_PASS + 8, GPU_READ_WRITE, walks, c->count * sizeof *walks},
+                           {BINDING_PASS + 9, GPU_READ, c->codes, sizeof c->codes})});
     free(walks);
 }
 
