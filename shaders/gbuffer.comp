@@ -137,7 +137,7 @@ void main()
     vec2 within = vec2(0.5); // its pixel
     float share = 1.0;       // of its pixel
     if (PHASE == 1u) {
-        uint each = samples_each(lookup.broken), sample_number = GROUP_SIZE * gl_WorkGroupID.x + gl_LocalInvocationIndex;
+        uint each = samples_each(lookup.broken, lookup.shown), sample_number = GROUP_SIZE * gl_WorkGroupID.x + gl_LocalInvocationIndex;
         if (each < 2u || sample_number >= each * lookup.broken)
             return;
         uint pixel = broken[sample_number / each];

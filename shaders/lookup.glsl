@@ -41,10 +41,12 @@ uint sample_first()
     return frame.width * frame.height * frame.camera_branches;
 }
 
-// Samples of each broken pixel; 1: there are too many of them for more.
-uint samples_each(uint broken_count)
+// Samples of each broken pixel: all of them where a third of what is shown breaks up, fewer where less does, since what they
+// are worth to the picture is their part of it. 1: none but the one through its middle.
+uint samples_each(uint broken_count, uint shown_count)
 {
-    return max(min(frame.camera_samples, frame.sample_capacity / max(broken_count, 1u)), 1u);
+    uint wanted = uint(ceil(float(frame.camera_samples) * min(3.0 * float(broken_count) / float(max(shown_count, 1u)), 1.0)));
+    return max(min(wanted, frame.sample_capacity / max(broken_count, 1u)), 1u);
 }
 
 bool chain_exists(chain_point point)

@@ -6,7 +6,7 @@
 // PHASE 1: broken pixels' chain points give way to their samples.
 //
 // Reads   chain points
-// Writes  broken: pixels, then for each pixel its number among them or NONE; lookup.broken; chain points (PHASE 1)
+// Writes  broken: pixels, then for each pixel its number among them or NONE; lookup.broken, lookup.shown; chain points (PHASE 1)
 // Source  design 8
 #include "frame.glsl"
 #include "lookup.glsl"
@@ -43,19 +43,35 @@ bool is_broken(uint pixel)
     return false;
 }
 
+shared uint group_shown;
+
+void count_shown(bool shows)
+{
+    bool is_first = gl_LocalInvocationIndex == 0u;
+    if (is_first)
+        group_shown = 0u;
+    barrier();
+    if (shows)
+        atomicAdd(group_shown, 1u);
+    barrier();
+    if (is_first && group_shown > 0u)
+        atomicAdd(lookup.shown, group_shown);
+}
+
 void main()
 {
     uint pixel = gl_GlobalInvocationID.x, pixels = frame.width * frame.height;
-    if (pixel >= pixels)
-        return;
+    bool is_pixel = pixel < pixels;
     if (PHASE == 0u) {
         uint place = NONE;
-        if (is_broken(pixel)) {
+        if (is_pixel && is_broken(pixel)) {
             place = atomicAdd(lookup.broken, 1u);
             broken[place] = pixel;
         }
-        broken[pixels + pixel] = place;
-    } else if (samples_each(lookup.broken) > 1u && broken[pixels + pixel] != NONE)
+        if (is_pixel)
+            broken[pixels + pixel] = place;
+        count_shown(is_pixel && (place != NONE || chain_exists(chains[pixel])));
+    } else if (is_pixel && samples_each(lookup.broken, lookup.shown) > 1u && broken[pixels + pixel] != NONE)
         for (uint layer = 0u; layer < frame.camera_branches; layer++)
             chains[layer * pixels + pixel].position_normal.w = uintBitsToFloat(NONE);
 }

@@ -39,7 +39,7 @@ void main()
     for (uint layer = 0u; layer < frame.camera_branches; layer++)
         radiance += radiance_of(layer * pixels + pixel);
     if (has(FEATURE_SAMPLES) && broken[pixels + pixel] != NONE) {
-        uint each = samples_each(lookup.broken), first = sample_first() + each * broken[pixels + pixel];
+        uint each = samples_each(lookup.broken, lookup.shown), first = sample_first() + each * broken[pixels + pixel];
         for (uint k = 0u; k < (each > 1u ? each : 0u); k++)
             for (uint layer = 0u; layer < frame.camera_branches; layer++)
                 radiance += radiance_of(first + k + layer * frame.sample_capacity);

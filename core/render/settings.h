@@ -73,7 +73,8 @@ enum tile_fit { TILE_FIT_CASTERS, TILE_FIT_FULL };
     S(camera_branches, INT, 1, 2, 1, "",                                                                     \
       "branches that are followed at the first glass the camera sees: the stronger, or both")                \
     S(camera_samples, INT, 1, 16, 12, "",                                                                    \
-      "camera rays in a pixel where what glass and mirrors show breaks up within it; 1: one everywhere")     \
+      "most camera rays in a pixel where what glass and mirrors show breaks up within it: as many where a "  \
+      "third of what they show does, fewer where less of it does; 1: one everywhere")                        \
     S(lookup, CHOICE, 0, 3, LOOKUP_AUTO, "auto,off,hash,as",                                                 \
       "how caustics seen through glass and mirrors are found: the faster way, not at all, by photons in a "  \
       "hash grid of what is seen, or from what is seen in an acceleration structure of photons")             \

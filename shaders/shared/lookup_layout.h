@@ -113,7 +113,7 @@ struct lookup_gpu {
     uint low_x, low_y, low_z; /* of all chain points with their reach, as in tree_node */
     uint high_x, high_y, high_z;
     uint long_walks; /* photons on the list of them */
-    uint pad0;
+    uint shown;      /* pixels that show something through glass or mirrors, broken ones included */
 };
 SHARED_SIZE(lookup_gpu, 80);
 #endif
