@@ -77,6 +77,7 @@ uint find_cell(ivec3 cell, uint level)
 // Global: arrays that are handed to functions are copied (docs/drivers.md).
 const uint HELD_MAX = 16u;
 uint held_cells[HELD_MAX];
+const int HELD_STEPS = 512; // most from the photon's cell that are told apart
 // Points that passed is_near: few do, so what is dear is done for several lanes together.
 const uint NEAR_MAX = 32u;
 uint near_points[NEAR_MAX];
@@ -158,7 +159,8 @@ void walk(uint wanted, uint lane, uint lanes)
     float slope_i = -giver.normal[span.i] / giver.normal[span.k], slope_j = -giver.normal[span.j] / giver.normal[span.k];
     float finest = level_size(uint(findLSB(wanted)));
     float box = 4.0 * sqrt(dii * djj) / (finest * finest) * (2.0 + 2.0 * c.w / (across.z * finest));
-    float longest = sqrt(dii + djj + dkk) * (1.0 / (500.0 * finest));
+    // No cell may be HELD_STEPS away: the plane's slack moves rows sideways, and cells with them into its depth.
+    float longest = (sqrt(dii + djj + dkk) + 4.0 * c.w) / (float(HELD_STEPS - 12) * finest);
     if (box > float(LOOKUP_WALK_MAX) || longest > 1.0) {
         float shrink = min(float(LOOKUP_WALK_MAX) / box, 1.0 / (longest * longest));
         c *= vec4(vec3(shrink), sqrt(shrink));
@@ -231,7 +233,7 @@ void walk(uint wanted, uint lane, uint lanes)
             bool is_mine = turn_of == lane;
             turn_of = turn_of + 1u == lanes ? 0u : turn_of + 1u;
             if (is_mine && is_block_marked(cell_along_axes(cell), 0u, level)) {
-                uvec3 steps = uvec3(cell - home + 512);
+                uvec3 steps = uvec3(cell - home + HELD_STEPS);
                 held_cells[held++] = steps.x | (steps.y << 10) | (steps.z << 20);
             }
             rounds++;
@@ -239,7 +241,7 @@ void walk(uint wanted, uint lane, uint lanes)
         uint found = 0u;
         for (uint n_th = 0u; n_th < held; n_th++) {
             uint steps = held_cells[n_th];
-            uint slot = find_cell(cell_along_axes(home + ivec3(uvec3(steps, steps >> 10, steps >> 20) & 1023u) - 512), level);
+            uint slot = find_cell(cell_along_axes(home + ivec3(uvec3(steps, steps >> 10, steps >> 20) & 1023u) - HELD_STEPS), level);
             if (slot != NONE)
                 held_cells[found++] = cells[slot].first;
             rounds++;
@@ -276,7 +278,8 @@ void main()
     give_begin();
     if (PHASE == 0u) {
         // Far photons in turn: devices that give each of their threads one run of workgroups would have some idle else.
-        uint groups = gl_NumWorkGroups.x, stride = groups % 61u != 0u ? 61u : 59u;
+        // A stride without a factor in common with their number meets each once.
+        uint groups = gl_NumWorkGroups.x, stride = groups % 61u != 0u ? 61u : groups % 59u != 0u ? 59u : 1u;
         uint index = gl_WorkGroupID.x * stride % groups * GROUP_SIZE + gl_LocalInvocationIndex;
         if (index < counters.photon_count && seen[index].cell != NONE) {
             gave.photons++;

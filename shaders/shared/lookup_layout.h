@@ -47,7 +47,7 @@ SHARED_SIZE(chain_point, 32);
  * 32nds of the most that its cell holds, from half of that on; and whether it is the last one of its cell. */
 #define LOOKUP_PLACE_STEPS 32
 #define LOOKUP_PLACE_MASK  511u
-#define LOOKUP_WIDE        7.0f /* cells: of wider footprints most points in their cells are near */
+#define LOOKUP_WIDE        7.0f /* cells: beyond 8 a place may be another's; most points in such cells are near */
 #define LOOKUP_LAST        0x80000000u
 
 struct lookup_cell {
