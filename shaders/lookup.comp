@@ -93,7 +93,6 @@ bool is_near(uint code, vec3 place, float size)
     vec2 o = vec2(dot(offset, giver.t1), dot(offset, giver.t2));
     float cxx = giver.covariance.x + reach * reach, cxy = giver.covariance.y, cyy = giver.covariance.z + reach * reach;
     float open = width + NEAR_OPEN;
-    gave.tested++;
     return (cyy * o.x * o.x - 2.0 * cxy * o.x * o.y + cxx * o.y * o.y) * width * width < (cxx * cyy - cxy * cxy) * open * open;
 }
 
@@ -158,6 +157,8 @@ void walk(uint wanted, uint lane, uint lanes)
     float dii = span.ii, dij = span.ij, djj = span.jj, dkk = span.kk;
     float slope_i = -giver.normal[span.i] / giver.normal[span.k], slope_j = -giver.normal[span.j] / giver.normal[span.k];
     float finest = level_size(uint(findLSB(wanted)));
+    // Of the box around the ellipse, so less of a needle across the axes is left: whole ones took `square` from behind 1.18 times
+    // the time, at the same error.
     float box = 4.0 * sqrt(dii * djj) / (finest * finest) * (2.0 + 2.0 * c.w / (across.z * finest));
     // No cell may be HELD_STEPS away: the plane's slack moves rows sideways, and cells with them into its depth.
     float longest = (sqrt(dii + djj + dkk) + 4.0 * c.w) / (float(HELD_STEPS - 12) * finest);
@@ -169,7 +170,7 @@ void walk(uint wanted, uint lane, uint lanes)
         dij *= shrink;
         djj *= shrink;
         dkk *= shrink;
-        gave.guard++;
+        gave.guard += lane == 0u ? 1u : 0u;
     }
 
     // In turns: collect cells that may hold points, find them, meet the points of all of them, each as one flat loop: lanes
@@ -257,6 +258,7 @@ void walk(uint wanted, uint lane, uint lanes)
                     point = held_cells[at++];
                 }
                 uint code = codes[point];
+                gave.tested++;
                 is_last = (code & LOOKUP_LAST) != 0u;
                 if (is_wide || is_near(code, place, size))
                     near_points[near++] = point;

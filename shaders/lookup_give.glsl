@@ -105,7 +105,7 @@ void give_end_together(bool has_walk)
 
 void give_count()
 {
-    if ((gave.photons | gave.tested | gave.seen) != 0u) {
+    if ((gave.photons | gave.tested | gave.inside | gave.seen) != 0u) {
         atomicAdd(group_gave[0], gave.photons);
         atomicAdd(group_gave[1], gave.tested);
         atomicAdd(group_gave[2], gave.inside);
