@@ -38,7 +38,6 @@ uint claim(uint number, vec3 position, uint level)
             cells[slot].x = uint(cell.x);
             cells[slot].y = uint(cell.y);
             cells[slot].z = uint(cell.z);
-            cells[slot].level = level;
             return slot;
         }
         if (owner >> 27 == level &&
@@ -102,6 +101,6 @@ void main()
     chain_point point = chains[index];
     sorted[at] = point;
     bool is_last = place.y + 1u == cells[place.x].count;
-    codes[at] = near_code(point, cells[place.x].level) | (is_last ? LOOKUP_LAST : 0u);
+    codes[at] = near_code(point, cells[place.x].owner >> 27) | (is_last ? LOOKUP_LAST : 0u);
     places[index] = uvec2(at, 0u);
 }

@@ -51,10 +51,10 @@ SHARED_SIZE(chain_point, 32);
 #define LOOKUP_LAST        0x80000000u
 
 struct lookup_cell {
-    uint x, y, z, level; /* coordinates as the bits of ints */
-    uint first, count;   /* its points in the sorted list */
-    uint owner;          /* chain point that claimed the slot: level << 27 | number + 1; 0: free */
-    uint pad0;
+    uint x, y, z;      /* coordinates as the bits of ints */
+    uint owner;        /* chain point that claimed the slot: level << 27 | number + 1; 0: free */
+    uint first, count; /* its points in the sorted list */
+    uint pad0, pad1;
 };
 SHARED_SIZE(lookup_cell, 32);
 
