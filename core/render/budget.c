@@ -38,6 +38,18 @@ static double most_rays(const struct view *view)
     return view->features.bits & FEATURE_SAMPLES ? (double)view->settings.camera_samples : 1;
 }
 
+static double most_samples(const struct view *view)
+{
+    return view->plan.has_quads ? gpu_info(view->renderer->gpu)->max_samples : 1;
+}
+
+uint32_t budget_samples(struct view *view)
+{
+    double most = most_samples(view);
+    return budget_reason_against(view, &view->plan) ? (uint32_t)most
+                                                    : governor_count(&view->governor, GOVERNOR_SAMPLES, most);
+}
+
 void budget_fill(struct view *view, struct frame_gpu *data)
 {
     data->photon_budget = budget_most(view);
@@ -48,7 +60,7 @@ void budget_fill(struct view *view, struct frame_gpu *data)
         return;
     }
     data->photon_budget = governor_photons(&view->governor, budget_least(view), data->photon_budget);
-    data->camera_samples = governor_rays(&view->governor, data->camera_samples);
+    data->camera_samples = governor_count(&view->governor, GOVERNOR_RAYS, data->camera_samples);
     /* Small enough that the budget is what limits photons, not the area they are content with. */
     data->target_area *= 1.0f / 64;
 }
@@ -70,15 +82,16 @@ void budget_measure(struct view *view, uint64_t elapsed_ns)
     stats[STAT_governor_photons] = view->data.photon_budget;
     stats[STAT_governor_target_area] = (double)view->data.target_area;
     stats[STAT_governor_camera_samples] = view->data.camera_samples;
-    if (governor_step(&view->governor, &(struct governor_frame){
-                                           .measured_ns = (double)elapsed_ns,
-                                           .target_ns = 1e6 * (double)view->settings.budget_ms,
-                                           .emitted = stats[STAT_photons_emitted],
-                                           .least = budget_least(view),
-                                           .most = budget_most(view),
-                                           .most_rays = most_rays(view),
-                                           .rays_ns = pass_ns(&view->result, "lookup"),
-                                           .is_at_rest = (view->data.flags & FLAG_HOLD) != 0,
-                                       }))
+    if (governor_step(&view->governor,
+                      &(struct governor_frame){
+                          .measured_ns = (double)elapsed_ns,
+                          .target_ns = 1e6 * (double)view->settings.budget_ms,
+                          .emitted = stats[STAT_photons_emitted],
+                          .least = budget_least(view),
+                          .most = budget_most(view),
+                          .knobs[GOVERNOR_RAYS] = {most_rays(view), pass_ns(&view->result, "lookup")},
+                          .knobs[GOVERNOR_SAMPLES] = {most_samples(view), pass_ns(&view->result, "splat")},
+                          .is_at_rest = (view->data.flags & FLAG_HOLD) != 0,
+                      }))
         view->still_frames = 0; /* samples have to follow the new budget before they may rest */
 }

@@ -12,14 +12,15 @@
 /* Share of the time that goes into photons until the fit has seen budgets that differ: too high a guess only
  * makes steps smaller. */
 #define FIRST_SHARE 0.95
-/* Photons that are worth more than camera rays, as a share of the most; frames that have to agree on fewer
- * rays, and on more. */
+/* Photons that are worth more than camera rays or samples, as a share of the most; frames that have to agree
+ * on fewer of these, and on more. */
 #define SCARCE      (1.0 / 8)
-#define RAYS_FACTOR 3.0
 #define FEWER_AFTER 3
 #define MORE_AFTER  8
 #define FORGET      0.85 /* weight of the frame before in the fit */
 #define FOLLOW      0.4  /* weight of the newest frame in `scale` */
+
+static const double knob_factors[GOVERNOR_KNOBS] = {[GOVERNOR_RAYS] = 3, [GOVERNOR_SAMPLES] = 4};
 
 static double clamp(double value, double least, double most)
 {
@@ -39,12 +40,11 @@ uint32_t governor_photons(struct governor *governor, double least, double most)
     return (uint32_t)governor->photons;
 }
 
-uint32_t governor_rays(struct governor *governor, double most)
+uint32_t governor_count(struct governor *governor, enum governor_knob knob, double most)
 {
-    if (!(governor->rays > 0))
-        governor->rays = most;
-    governor->rays = clamp(floor(governor->rays), 1, most);
-    return (uint32_t)governor->rays;
+    double *count = &governor->counts[knob];
+    *count = *count > 0 ? clamp(floor(*count), 1, most) : most;
+    return (uint32_t)*count;
 }
 
 /* Photons that fill `time`. */
@@ -53,23 +53,36 @@ static double photons_of(const struct governor *governor, double time)
     return fmax(time / governor->scale - governor->fixed_ns, 0) / (governor->slope_ns * governor->fill);
 }
 
-static bool steer_rays(struct governor *governor, const struct governor_frame *frame)
+static bool steer_count(struct governor *governor, const struct governor_frame *frame,
+                        enum governor_knob knob)
 {
-    double rays = governor_rays(governor, frame->most_rays),
-           scarce = fmax(frame->least, SCARCE * frame->most);
-    double more = fmin(RAYS_FACTOR * rays, frame->most_rays), cost = (more / rays - 1) * frame->rays_ns;
-    bool wants_fewer = rays > 1 && photons_of(governor, frame->target_ns) < scarce;
-    bool wants_more = more > rays && photons_of(governor, frame->target_ns - cost) > 2 * scarce;
-    int32_t *frames = &governor->rays_frames;
-    *frames = wants_fewer  ? (*frames > 0 ? *frames : 0) + 1
-              : wants_more ? (*frames < 0 ? *frames : 0) - 1
-                           : 0;
-    if (*frames<FEWER_AFTER && * frames> - MORE_AFTER)
+    double most = frame->knobs[knob].most;
+    if (!(most > 1))
         return false;
-    governor->rays = *frames > 0 ? fmax(floor(rays / RAYS_FACTOR), 1) : more;
-    *frames = 0;
+    double count = governor_count(governor, knob, most), factor = knob_factors[knob];
+    double more = fmin(factor * count, most), cost = (more / count - 1) * frame->knobs[knob].spent_ns;
+    double scarce = fmax(frame->least, SCARCE * frame->most);
+    bool wants_fewer = count > 1 && photons_of(governor, frame->target_ns) < scarce;
+    bool wants_more = more > count && photons_of(governor, frame->target_ns - cost) > 2 * scarce;
+    int32_t *votes = &governor->votes[knob];
+    *votes = wants_fewer ? (*votes > 0 ? *votes : 0) + 1 : wants_more ? (*votes < 0 ? *votes : 0) - 1 : 0;
+    bool is_fewer = *votes >= FEWER_AFTER, is_more = *votes <= -MORE_AFTER;
+    if (!is_fewer && !is_more)
+        return false;
+    governor->counts[knob] = is_fewer ? fmax(floor(count / factor), 1) : more;
     governor->free_steps = FREE_STEPS;
+    /* What the others would do has to be asked again. */
+    for (int i = 0; i < GOVERNOR_KNOBS; i++)
+        governor->votes[i] = 0;
     return true;
+}
+
+static bool steer_counts(struct governor *governor, const struct governor_frame *frame)
+{
+    bool rays_first = frame->knobs[GOVERNOR_RAYS].spent_ns >= frame->knobs[GOVERNOR_SAMPLES].spent_ns;
+    enum governor_knob first = rays_first ? GOVERNOR_RAYS : GOVERNOR_SAMPLES,
+                       second = rays_first ? GOVERNOR_SAMPLES : GOVERNOR_RAYS;
+    return steer_count(governor, frame, first) || steer_count(governor, frame, second);
 }
 
 static void fit(struct governor *governor, double photons, double time)
@@ -148,7 +161,7 @@ bool governor_step(struct governor *governor, const struct governor_frame *frame
         governor->fill += 0.3 * (clamp(frame->emitted / budget, 0.1, 1) - governor->fill);
     if (!learn(governor, frame->emitted, frame->measured_ns))
         return false;
-    if (frame->most_rays > 1 && steer_rays(governor, frame))
+    if (steer_counts(governor, frame))
         return true;
     double band = fmax(frame->is_at_rest ? GOVERNOR_REST_BAND : GOVERNOR_BAND, 0.75 * governor->noise);
     if (fabs(predict(governor, governor->fill * budget) / frame->target_ns - 1) <= band)

@@ -1,11 +1,12 @@
-/* governor.h: how many photons, and camera rays where what glass shows breaks up, a frame may have so that it
- * takes the time it was given.
+/* governor.h: how many photons, camera rays where what glass shows breaks up, and samples of multisampled
+ * splats a frame may have so that it takes the time it was given.
  *
  * A frame takes fixed_ns + slope_ns * photons, and both change along a camera path. The governor fits that
  * line to the last frames, asks it for the photons of the target time, and stays where it is while the line
  * is within a dead band of the target: a budget that changes all the time would be seen as pumping. Where
- * less than an eighth of the photons would be left, camera rays go first, by thirds; they come back when
- * twice that would be left with them. It knows nothing of views or devices. Zero initialises it.
+ * less than an eighth of the photons would be left, camera rays go first, by thirds, or samples, by quarters,
+ * whichever takes more of the time; they come back when twice that would be left with them. It knows nothing
+ * of views or devices. Zero initialises it.
  */
 #ifndef CAUSTIC_GOVERNOR_H
 #define CAUSTIC_GOVERNOR_H
@@ -16,6 +17,9 @@
 #define GOVERNOR_BAND      0.05 /* of the target: nothing is changed within it */
 #define GOVERNOR_REST_BAND 0.10 /* and of a view at rest, whose picture would change with the photons */
 #define GOVERNOR_STEP      1.25 /* most that the budget is multiplied or divided by in a frame, but at jumps */
+
+/* What gives way before photons do. */
+enum governor_knob { GOVERNOR_RAYS, GOVERNOR_SAMPLES, GOVERNOR_KNOBS };
 
 struct governor {
     double target_ns;
@@ -29,26 +33,29 @@ struct governor {
     uint32_t frames;                             /* measured */
     uint32_t since_change;                       /* frames the budget has been as it is */
     uint32_t free_steps;                         /* frames whose step is not limited */
-    double rays;                                 /* camera rays of a pixel that it chose; 0: none yet */
-    int32_t rays_frames; /* in a row that speak for fewer, or as a negative number for more */
-    bool was_far;        /* the last frame took a time that the line does not explain */
+    double counts[GOVERNOR_KNOBS];               /* of a pixel, that it chose; 0: none yet */
+    int32_t
+        votes[GOVERNOR_KNOBS]; /* frames in a row that speak for fewer, or as a negative number for more */
+    bool was_far;              /* the last frame took a time that the line does not explain */
 };
 
 struct governor_frame {
     double measured_ns, target_ns;
     double emitted;     /* photons of the measured frame */
     double least, most; /* budget that may be chosen */
-    double most_rays;   /* camera rays of a pixel that may be chosen; 1: there is nothing to choose */
-    double rays_ns;     /* of the measured time, what grows with them, at most in proportion */
+    struct {
+        double most;     /* of a pixel, that may be chosen; at most 1: there is nothing to choose */
+        double spent_ns; /* of the measured time, what grows with them, at most in proportion */
+    } knobs[GOVERNOR_KNOBS];
     bool is_at_rest;
 };
 
 /* The budget for the next frame. The first one, before anything is measured, is the geometric mean of both
  * limits. */
 uint32_t governor_photons(struct governor *governor, double least, double most);
-/* And its camera rays: at first all of them. */
-uint32_t governor_rays(struct governor *governor, double most);
-/* Takes in a frame that was measured; true when the budget or the rays changed. */
+/* And its camera rays or samples: at first all of them. */
+uint32_t governor_count(struct governor *governor, enum governor_knob knob, double most);
+/* Takes in a frame that was measured; true when the budget or a count changed. */
 bool governor_step(struct governor *governor, const struct governor_frame *frame);
 
 #endif

@@ -134,8 +134,8 @@ void plan_make(const struct view *view, const struct features *features, uint32_
          "aa=pixel asks whether the camera sees each photon", "only aa=pixel needs them");
     const char *no_governor = budget_reason_against(view, plan);
     line(plan, "governor", !no_governor,
-         "budget_ms is above 0: photons up to the budget, then camera_samples, hold it; target_area is no "
-         "limit, and "
+         "budget_ms is above 0: photons up to the budget, then camera_samples and multisampling, hold it; "
+         "target_area is no limit, and "
          "frames depend on how fast the machine was",
          no_governor);
     line(plan, "draft or final", settings->quality != QUALITY_GOOD,

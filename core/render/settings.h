@@ -88,8 +88,9 @@ enum tile_fit { TILE_FIT_CASTERS, TILE_FIT_FULL };
     S(accumulate, INT, 1, 65536, 1, "",                                                                      \
       "frames averaged into one, with jittered photons and camera rays when above 1")                        \
     S(budget_ms, FLOAT, 0, 3.6e6, 0, "",                                                                     \
-      "time a frame is given, ms: photons up to the budget are chosen to hold it and target_area is no "     \
-      "limit, so that pictures depend on how fast the machine was; 0: off")                                  \
+      "time a frame is given, ms: photons up to the budget, camera_samples and samples of aa=msaa* are "     \
+      "chosen "                                                                                              \
+      "to hold it and target_area is no limit, so that pictures depend on how fast the machine was; 0: off") \
     S(quality, CHOICE, 0, 2, QUALITY_GOOD, "good,draft,final",                                               \
       "good: settings as they are; draft, final: photons times 1/4 or 4, within the device's limit, and "    \
       "target_area times 4 or 1/4")

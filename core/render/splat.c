@@ -12,13 +12,13 @@
 
 #define PIECE_GROUPS 1024u /* workgroups that draw pieces of wide footprints, in turn */
 
-static struct gpu_raster_params quad_params(const struct gpu *gpu, int32_t aa)
+static struct gpu_raster_params quad_params(int32_t aa, uint32_t samples)
 {
     return (struct gpu_raster_params){.name = "splat_quad",
                                       .binding_mask = 1u << BINDING_FRAME | 14u << BINDING_PASS,
                                       .width = 1,
                                       .height = 1,
-                                      .samples = gpu_info(gpu)->max_samples,
+                                      .samples = samples,
                                       .per_sample = aa != SPLAT_AA_MSAA,
                                       .writes_buffers = true};
 }
@@ -33,25 +33,29 @@ bool splat_check_aa(const struct renderer *renderer, int32_t aa, struct error *e
             error, STATUS_UNSUPPORTED,
             "setting 'aa': multisampling needs RGBA32F with several samples, which %s does not have",
             info->name);
-    struct gpu_raster_params params = quad_params(renderer->gpu, aa);
+    struct gpu_raster_params params = quad_params(aa, info->max_samples);
     params.name = "aa";
     return gpu_raster_check(renderer->gpu, &params, error);
 }
 
 uint32_t splat_samples(const struct view *view)
 {
-    return view->plan.has_quads ? gpu_info(view->renderer->gpu)->max_samples : 1;
+    return view->plan.has_quads ? view->quads.samples : 1;
 }
 
 static bool prepare_quads(struct view *view)
 {
     struct splat_quads *quads = &view->quads;
     const struct settings *settings = &view->settings;
+    const uint32_t wanted = budget_samples(view);
     if (quads->raster && quads->width == view->width && quads->height == view->height &&
-        quads->aa == settings->aa && quads->depth_test == settings->depth_test)
+        quads->aa == settings->aa && quads->depth_test == settings->depth_test && quads->wanted == wanted)
         return true;
     gpu_raster_destroy(&quads->raster);
-    struct gpu_raster_params params = quad_params(view->renderer->gpu, settings->aa);
+    struct gpu_raster_params params = quad_params(settings->aa, wanted);
+    struct error none_such;
+    while (params.samples > 1 && !gpu_raster_check(view->renderer->gpu, &params, &none_such))
+        params.samples /= 2; /* devices leave out some numbers below their most */
     const struct gpu_constant constants[] = {{CONSTANT_AA, (uint32_t)settings->aa},
                                              {CONSTANT_DEPTH, (uint32_t)settings->depth_test}};
     params.width = view->width;
@@ -60,8 +64,13 @@ static bool prepare_quads(struct view *view)
     params.constant_count = 2;
     params.vertex_spirv = shader_find("splat_quad.vert", &params.vertex_bytes);
     params.fragment_spirv = shader_find("splat_quad.frag", &params.fragment_bytes);
-    *quads = (struct splat_quads){gpu_raster_create(view->renderer->gpu, &params, &view->error), view->width,
-                                  view->height, settings->aa, settings->depth_test};
+    *quads = (struct splat_quads){gpu_raster_create(view->renderer->gpu, &params, &view->error),
+                                  view->width,
+                                  view->height,
+                                  settings->aa,
+                                  settings->depth_test,
+                                  wanted,
+                                  params.samples};
     return quads->raster != NULL;
 }
 

@@ -172,6 +172,7 @@ struct splat_quads {
     struct gpu_raster *raster;
     uint32_t width, height;
     int32_t aa, depth_test;
+    uint32_t wanted, samples; /* of a pixel: by the budget, and what the device has of it */
 };
 
 /* soft=auto: which way the emitters' size is drawn. */
@@ -315,6 +316,7 @@ const char *budget_reason_against(const struct view *view, const struct plan *pl
 /* Budget, target area and camera samples of this frame. */
 void budget_fill(struct view *view, struct frame_gpu *data);
 /* After it: what it took, and what that makes of the next. */
+uint32_t budget_samples(struct view *view); /* of multisampled splats, of the current plan */
 void budget_measure(struct view *view, uint64_t elapsed_ns);
 
 /* tiles.c: fits light tiles to casters and shapes the task buffers; fills view->lights. Before buffers are

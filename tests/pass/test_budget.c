@@ -63,6 +63,33 @@ static void the_budget_stays_within_its_limits(void **state)
     truth_close(&stage);
 }
 
+/* Samples of multisampled splats give way where time is scarce, and are all there again without a budget. */
+static void samples_give_way(void **state)
+{
+    (void)state;
+    static const char *const modes[] = {"aa=msaa", "aa=msaa_sample", "aa=msaa_small"};
+    struct truth stage;
+    stage_open(&stage, "sphere", WIDTH, HEIGHT, "photons=16384 cells=32");
+    const double most = gpu_info(stage.gpu)->max_samples;
+    if (most < 2) {
+        truth_close(&stage);
+        print_message("left out: the device takes one sample a pixel\n");
+        return;
+    }
+    for (int i = 0; i < 3; i++) {
+        truth_set(&stage, modes[i]);
+        truth_set(&stage, "budget_ms=3600000");
+        assert_close(truth_render(&stage, 8, CAUSTICS)->stats[STAT_aa_samples], most, 0);
+        truth_set(&stage, "budget_ms=0.000001");
+        const struct frame_result *result = truth_render(&stage, 40, CAUSTICS);
+        assert_close(result->stats[STAT_aa_samples], 1, 0);
+        assert_true(result->stats[STAT_photons_contributing] > 0);
+        truth_set(&stage, "budget_ms=0");
+        assert_close(truth_render(&stage, 1, CAUSTICS)->stats[STAT_aa_samples], most, 0);
+    }
+    truth_close(&stage);
+}
+
 /* At a limit nothing is steered: a still view comes to rest as any other, and repeats to the bit. */
 static void a_governed_view_comes_to_rest(void **state)
 {
@@ -95,6 +122,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(quality_is_photons_and_target_area),
         cmocka_unit_test(the_budget_stays_within_its_limits),
+        cmocka_unit_test(samples_give_way),
         cmocka_unit_test(a_governed_view_comes_to_rest),
         cmocka_unit_test(times_out_of_range_are_refused),
     };

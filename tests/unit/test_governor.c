@@ -23,6 +23,8 @@ struct plant {
     double emitted;
     double most_rays, ray_ns; /* of camera rays in pixels that break up; 0: there are none */
     uint32_t rays, rays_changes;
+    double most_samples, sample_ns; /* of multisampled splats; 0: they are not */
+    uint32_t samples, samples_changes;
     uint32_t changes; /* of the budget */
     double budget, largest_step;
     bool is_at_rest;
@@ -47,12 +49,17 @@ static double run(struct plant *plant, double target_ns, double hitch_ns)
     plant->emitted =
         plant->emitted > 0 && settled > plant->emitted ? 0.5 * (settled + plant->emitted) : settled;
     double most_rays = fmax(plant->most_rays, 1);
-    uint32_t rays = governor_rays(&plant->governor, most_rays);
+    uint32_t rays = governor_count(&plant->governor, GOVERNOR_RAYS, most_rays);
     plant->rays_changes += plant->rays > 0 && rays != plant->rays;
     plant->rays = rays;
     /* The lookup has a part that does not grow with the rays. */
     double rays_ns = plant->ray_ns * (4 + rays);
-    double time = plant->fixed_ns + rays_ns + plant->slope_ns * plant->emitted;
+    double most_samples = fmax(plant->most_samples, 1);
+    uint32_t samples = governor_count(&plant->governor, GOVERNOR_SAMPLES, most_samples);
+    plant->samples_changes += plant->samples > 0 && samples != plant->samples;
+    plant->samples = samples;
+    double samples_ns = plant->sample_ns * (0.5 + samples);
+    double time = plant->fixed_ns + rays_ns + samples_ns + plant->slope_ns * plant->emitted;
     plant->changes +=
         governor_step(&plant->governor, &(struct governor_frame){
                                             .measured_ns = time * (1 + plant->noise * noise()) + hitch_ns,
@@ -60,8 +67,8 @@ static double run(struct plant *plant, double target_ns, double hitch_ns)
                                             .emitted = plant->emitted,
                                             .least = LEAST,
                                             .most = MOST,
-                                            .most_rays = most_rays,
-                                            .rays_ns = rays_ns,
+                                            .knobs[GOVERNOR_RAYS] = {most_rays, rays_ns},
+                                            .knobs[GOVERNOR_SAMPLES] = {most_samples, samples_ns},
                                             .is_at_rest = plant->is_at_rest,
                                         });
     return time;
@@ -131,6 +138,39 @@ static void camera_rays_are_steered(void **state)
     assert_int_equal(plant.rays, 1);
     assert_true(plant.budget <= LEAST + 1);
     assert_int_equal(plant.rays_changes, 3);
+}
+
+/* Samples of splats as well, by quarters; of two that take time the dearer one gives way. */
+static void samples_are_steered(void **state)
+{
+    (void)state;
+    struct plant plant = plant_of(1e6, 100, 0.03);
+    plant.most_samples = 8;
+    plant.sample_ns = 1e6; /* all of them: 8.5 ms of 10 */
+    double largest;
+    uint32_t settled = settle(&plant, 1e7, 60, &largest);
+    print_message("costly samples: settled after %u frames, %u samples, %.0f photons emitted\n", settled,
+                  plant.samples, plant.emitted);
+    assert_true(settled <= 24);
+    assert_int_equal(plant.samples, 2);
+    assert_true(plant.emitted > MOST / 8);
+    plant.samples_changes = 0;
+    for (int i = 0; i < 400; i++)
+        assert_in_bound(fabs(run(&plant, 1e7, i % 50 == 7 ? 5e7 : 0) / 1e7 - 1), 0.1);
+    assert_int_equal(plant.samples_changes, 0);
+    plant.sample_ns = 5e4;
+    settle(&plant, 1e7, 60, &largest);
+    assert_int_equal(plant.samples, 8);
+    assert_int_equal(plant.samples_changes, 1);
+
+    plant = plant_of(1e6, 100, 0.03);
+    plant.most_samples = 4;
+    plant.most_rays = 12;
+    plant.sample_ns = 1.8e6; /* all: 8.1 ms */
+    plant.ray_ns = 4e4;      /* all: 0.6 ms */
+    settle(&plant, 1e7, 60, &largest);
+    assert_int_equal(plant.samples, 1);
+    assert_int_equal(plant.rays, 12);
 }
 
 static void noise_and_hitches_do_not_pump(void **state)
@@ -247,10 +287,15 @@ static void rest_is_left_only_for_a_reason(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(it_settles_from_a_cold_start),   cmocka_unit_test(camera_rays_are_steered),
-        cmocka_unit_test(noise_and_hitches_do_not_pump),  cmocka_unit_test(a_path_is_followed_in_small_steps),
-        cmocka_unit_test(it_settles_after_a_cut),         cmocka_unit_test(limits_hold),
-        cmocka_unit_test(a_busy_machine_is_not_followed), cmocka_unit_test(rest_is_left_only_for_a_reason),
+        cmocka_unit_test(it_settles_from_a_cold_start),
+        cmocka_unit_test(camera_rays_are_steered),
+        cmocka_unit_test(samples_are_steered),
+        cmocka_unit_test(noise_and_hitches_do_not_pump),
+        cmocka_unit_test(a_path_is_followed_in_small_steps),
+        cmocka_unit_test(it_settles_after_a_cut),
+        cmocka_unit_test(limits_hold),
+        cmocka_unit_test(a_busy_machine_is_not_followed),
+        cmocka_unit_test(rest_is_left_only_for_a_reason),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
