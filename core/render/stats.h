@@ -42,7 +42,7 @@
     S(lookup_cells, "count", "cells of the grid that hold chain points")                                     \
     S(lookup_photons, "count", "stored photons that were offered to chain points")                           \
     S(lookup_photons_seen, "count", "those that reached at least one chain point")                           \
-    S(lookup_evaluations, "count", "times a photon's kernel was evaluated at a chain point")                 \
+    S(lookup_evaluations, "count", "pairs of a photon and a chain point that were tested")                   \
     S(lookup_inside, "count", "evaluations that fell inside the kernel")                                     \
     S(lookup_limited, "count", "footprints, walks and chain points limited by the lookup grid")              \
     S(density_total, "count", "sum of the density over all cells before rounding")                           \
