@@ -34,9 +34,8 @@ struct governor {
     uint32_t since_change;                       /* frames the budget has been as it is */
     uint32_t free_steps;                         /* frames whose step is not limited */
     double counts[GOVERNOR_KNOBS];               /* of a pixel, that it chose; 0: none yet */
-    int32_t
-        votes[GOVERNOR_KNOBS]; /* frames in a row that speak for fewer, or as a negative number for more */
-    bool was_far;              /* the last frame took a time that the line does not explain */
+    int32_t votes[GOVERNOR_KNOBS]; /* frames in a row that speak for fewer; negative: for more */
+    bool was_far;                  /* the last frame took a time that the line does not explain */
 };
 
 struct governor_frame {

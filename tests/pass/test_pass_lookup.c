@@ -560,20 +560,16 @@ static struct lookup_case *needles(double length)
     double along[NEEDLES][3], across[NEEDLES][3];
     for (uint32_t i = 0; i < NEEDLES; i++) {
         uint32_t packed = pass_pack_normal(normals[i]);
-        double n[3], t1[3], t2[3], cosine = i % 2 ? 0 : 1, sine = i % 2 ? 1 : 0;
+        bool is_turned = i % 2 == 1;
+        double n[3];
         pass_unpack_normal(packed, n);
-        tangent_frame(n, t1, t2);
-        for (int k = 0; k < 3; k++) {
-            along[i][k] = cosine * t1[k] + sine * t2[k];
-            across[i][k] = -sine * t1[k] + cosine * t2[k];
-        }
-        c->seen[i] = (struct lookup_photon){
-            .position = {0.1f * (float)i, -1, -3, pass_bits_float(packed)},
-            .covariance = {(float)(major * major * cosine * cosine + minor * minor * sine * sine),
-                           (float)((major * major - minor * minor) * cosine * sine),
-                           (float)(major * major * sine * sine + minor * minor * cosine * cosine), 0.002f},
-            .flux = {1, 1, 1, (float)(major * minor)},
-            .cell = i};
+        tangent_frame(n, is_turned ? across[i] : along[i], is_turned ? along[i] : across[i]);
+        float xx = (float)(is_turned ? minor * minor : major * major);
+        float yy = (float)(is_turned ? major * major : minor * minor);
+        c->seen[i] = (struct lookup_photon){.position = {0.1f * (float)i, -1, -3, pass_bits_float(packed)},
+                                            .covariance = {xx, 0, yy, 0.002f},
+                                            .flux = {1, 1, 1, (float)(major * minor)},
+                                            .cell = i};
     }
     for (uint32_t i = 0; i < POINTS; i++) {
         const struct lookup_photon *photon = &c->seen[i % NEEDLES];
