@@ -21,7 +21,7 @@ layout(std430, binding = BINDING_PASS + 5) readonly buffer sorted_buffer { chain
 layout(std430, binding = BINDING_PASS + 6) buffer sum_buffer { uint sums[]; };
 layout(std430, binding = BINDING_PASS + 7) buffer photon_buffer { photon photons[]; };
 layout(std430, binding = BINDING_PASS + 8) buffer walk_buffer { uint long_walks[]; };
-layout(std430, binding = BINDING_PASS + 9) readonly buffer code_buffer { uint codes[]; };
+layout(std430, binding = BINDING_PASS + 9) readonly buffer code_buffer { uvec4 codes[]; };
 layout(constant_id = 8) const uint PHASE = 0u;
 #include "lookup_give.glsl"
 
@@ -86,12 +86,27 @@ uint near_points[NEAR_MAX];
 // both together, nowhere narrower than that reach, wider by what the code leaves open: half the diagonal of its steps.
 const float NEAR_OPEN = 0.5 * 1.7321 * LOOKUP_CELL_REACH / float(LOOKUP_PLACE_STEPS) + 1e-4;
 
-bool is_near(uint code, vec3 place, float size)
+// In steps of the codes' lattice.
+struct {
+    uvec3 place;
+    vec3 t1, t2, covariance;
+} nearby;
+
+void near_find(float size)
 {
-    vec3 offset = near_offset(code, place, size);
-    float width = near_width(code), reach = width * size * (1.0 / LOOKUP_CELL_REACH);
-    vec2 o = vec2(dot(offset, giver.t1), dot(offset, giver.t2));
-    float cxx = giver.covariance.x + reach * reach, cxy = giver.covariance.y, cyy = giver.covariance.z + reach * reach;
+    float per_step = float(LOOKUP_PLACE_STEPS) / size;
+    nearby.place = near_place(giver.position, size);
+    nearby.t1 = giver.t1 * NEAR_UNIT;
+    nearby.t2 = giver.t2 * NEAR_UNIT;
+    nearby.covariance = giver.covariance.xyz * (per_step * per_step);
+}
+
+bool is_near(uint code)
+{
+    vec3 offset = near_offset(code, nearby.place);
+    float width = near_width(code), reach = width * (float(LOOKUP_PLACE_STEPS) / LOOKUP_CELL_REACH);
+    vec2 o = vec2(dot(offset, nearby.t1), dot(offset, nearby.t2));
+    float cxx = nearby.covariance.x + reach * reach, cxy = nearby.covariance.y, cyy = nearby.covariance.z + reach * reach;
     float open = width + NEAR_OPEN;
     return (cyy * o.x * o.x - 2.0 * cxy * o.x * o.y + cxx * o.y * o.y) * width * width < (cxx * cyy - cxy * cxy) * open * open;
 }
@@ -179,7 +194,6 @@ void walk(uint wanted, uint lane, uint lanes)
     float size = 1.0, per_size = 1.0, off = 0.0, spread = 0.0;
     float reach_j = 0.0, per_yy = 0.0, shear = 0.0, turn = 0.0, root = 0.0; // of the ellipse: rows are cuts through it
     ivec3 cell = ivec3(0), home = ivec3(0);
-    vec3 place = vec3(0.0);
     int row_end = -1, column_end = -1, depth_end = -1;
     bool goes_on = true, is_wide = false;
     while (goes_on) {
@@ -199,7 +213,7 @@ void walk(uint wanted, uint lane, uint lanes)
                         size = level_size(level);
                         per_size = 1.0 / size;
                         home = cell_of(position, size);
-                        place = near_place(giver.position, size);
+                        near_find(size);
                         float reach = size * (1.0 / LOOKUP_CELL_REACH);
                         float xx = dii + reach * reach, yy = djj + reach * reach;
                         off = c.w + 0.25 * reach;
@@ -257,16 +271,32 @@ void walk(uint wanted, uint lane, uint lanes)
                         break;
                     point = held_cells[at++];
                 }
-                uint code = codes[point];
-                gave.tested++;
-                is_last = (code & LOOKUP_LAST) != 0u;
-                if (is_wide || is_near(code, place, size))
-                    near_points[near++] = point;
-                point++;
+                uvec4 four = codes[point >> 2];
+                uint lasts = (four.x >> 31) | ((four.y >> 30) & 2u) | ((four.z >> 29) & 4u) | ((four.w >> 28) & 8u);
+                uint met = 15u << (point & 3u);
+                lasts &= met;
+                is_last = lasts != 0u;
+                met &= (lasts ^ (lasts - 1u)) & 15u; // up to the first that is the last of its cell
+                gave.tested += bitCount(met);
+                if (!is_wide)
+                    met &= (is_near(four.x) ? 1u : 0u) | (is_near(four.y) ? 2u : 0u) | (is_near(four.z) ? 4u : 0u) |
+                           (is_near(four.w) ? 8u : 0u);
+                if (met != 0u)
+                    near_points[near++] = ((point >> 2) << 4) | met;
+                point = (point & ~3u) + 4u;
                 rounds++;
             }
-            for (uint n_th = 0u; n_th < near; n_th++)
-                give(sorted[near_points[n_th]], near_points[n_th]);
+            uint n_th = 0u, four = 0u;
+            for (;;) {
+                if ((four & 15u) == 0u) {
+                    if (n_th == near)
+                        break;
+                    four = near_points[n_th++];
+                }
+                uint place = (four >> 4) * 4u + uint(findLSB(four));
+                four &= four - 1u;
+                give(sorted[place], place);
+            }
         } while (!is_last || at != found);
         if (rounds > LOOKUP_ROUNDS_MAX && goes_on) {
             goes_on = false;

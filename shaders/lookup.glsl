@@ -85,20 +85,21 @@ uint near_code(chain_point point, uint level)
     return place.x | (place.y << 9) | (place.z << 18) | (width << 27);
 }
 
-// A place on that lattice, which repeats.
-vec3 near_place(vec3 position, float size)
+// A place on that lattice, which repeats, in NEAR_UNITs of its steps, so that a period is 2^32 of them; less half a step, since
+// a code's point is anywhere within its step.
+const float NEAR_UNIT = 1.0 / 8388608.0;
+
+uvec3 near_place(vec3 position, float size)
 {
     float period = float(LOOKUP_PLACE_MASK + 1u);
-    vec3 place = position * (float(LOOKUP_PLACE_STEPS) / size);
-    return place - period * floor(place / period);
+    vec3 place = position * (float(LOOKUP_PLACE_STEPS) / size) - 0.5;
+    return uvec3(min(place - period * floor(place / period), period - 0.0001) * (1.0 / NEAR_UNIT));
 }
 
-// From such a place to the point's, m.
-vec3 near_offset(uint code, vec3 place, float size)
+// From such a place to the point's, in NEAR_UNITs.
+vec3 near_offset(uint code, uvec3 place)
 {
-    float period = float(LOOKUP_PLACE_MASK + 1u);
-    vec3 steps = vec3(uvec3(code, code >> 9, code >> 18) & LOOKUP_PLACE_MASK) + 0.5 - place;
-    return (steps - period * floor(steps / period + 0.5)) * (size / float(LOOKUP_PLACE_STEPS));
+    return vec3(ivec3((uvec3(code << 23, code << 14, code << 5) & ~(uint(1.0 / NEAR_UNIT) - 1u)) - place));
 }
 
 // At least the point's reach over the most that its cell holds.
@@ -117,7 +118,7 @@ uint cell_hash(ivec3 cell, uint level)
 // The bit that says whether a block of 2^scale cells a side of this level may hold points.
 uint block_mark(ivec3 block, uint scale, uint level)
 {
-    return cell_hash(block, level + 32u * scale) & (32u * LOOKUP_MARK_WORDS - 1u);
+    return cell_hash(block, level + 32u * scale) & (32u * frame.lookup_slots - 1u);
 }
 
 // What a footprint of covariance `photon` (xx, xy, yy) in the frame t1, t2 gives per watt to a chain point at `offset`

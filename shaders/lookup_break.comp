@@ -3,10 +3,11 @@
 // lookup_break.comp: finds the pixels within which what glass and mirrors show breaks up: beside a pixel that shows
 // another surface, or a place farther away than its own size there tells. One camera ray tells nothing of them. Their
 // order depends on who came first; pictures do not, for it only says where their samples are kept.
-// PHASE 1: broken pixels' chain points give way to their samples.
+// PHASE 1: broken pixels' chain points give way to their samples, whose number is known.
 //
 // Reads   chain points
-// Writes  broken: pixels, then for each pixel its number among them or NONE; lookup.broken, lookup.shown; chain points (PHASE 1)
+// Writes  broken: pixels, then for each pixel its number among them or NONE; lookup.broken, lookup.shown; chain points and
+//         workgroups over samples and points (PHASE 1)
 // Source  design 8
 #include "frame.glsl"
 #include "lookup.glsl"
@@ -43,6 +44,15 @@ bool is_broken(uint pixel)
     return false;
 }
 
+void count_groups()
+{
+    uint each = samples_each(lookup.broken, lookup.shown), samples = each > 1u ? each * lookup.broken : 0u;
+    uint points = sample_first() + (samples > 0u ? (frame.camera_branches - 1u) * frame.sample_capacity + samples : 0u);
+    lookup.sample_groups[0] = (samples + GROUP_SIZE - 1u) / GROUP_SIZE;
+    lookup.point_groups[0] = (points + GROUP_SIZE - 1u) / GROUP_SIZE;
+    lookup.sample_groups[1] = lookup.sample_groups[2] = lookup.point_groups[1] = lookup.point_groups[2] = 1u;
+}
+
 shared uint group_shown;
 
 void count_shown(bool shows)
@@ -71,7 +81,11 @@ void main()
         if (is_pixel)
             broken[pixels + pixel] = place;
         count_shown(is_pixel && (place != NONE || chain_exists(chains[pixel])));
-    } else if (is_pixel && samples_each(lookup.broken, lookup.shown) > 1u && broken[pixels + pixel] != NONE)
+        return;
+    }
+    if (pixel == 0u)
+        count_groups();
+    if (is_pixel && samples_each(lookup.broken, lookup.shown) > 1u && broken[pixels + pixel] != NONE)
         for (uint layer = 0u; layer < frame.camera_branches; layer++)
             chains[layer * pixels + pixel].position_normal.w = uintBitsToFloat(NONE);
 }

@@ -1,4 +1,6 @@
 /* gbuffer.c: the surface every pixel shows (shaders/gbuffer.comp). */
+#include <stddef.h>
+
 #include "view_state.h"
 
 bool gbuffer_prepare(struct view *view)
@@ -23,6 +25,8 @@ static void record_rays(struct view *view, struct gpu_frame *frame, uint32_t pha
             .lights = true,
             .phase = phase,
             .groups = {columns, rows},
+            .indirect = BUFFER_LOOKUP,
+            .indirect_offset = phase ? offsetof(struct lookup_gpu, sample_groups) : 0,
             USES({BINDING_PASS, GPU_WRITE, BUFFER_SURFACES}, {BINDING_PASS + 1, GPU_WRITE, BUFFER_TARGETS},
                  {BINDING_PASS + 2, GPU_WRITE, chains}, {BINDING_PASS + 3, GPU_WRITE, weights},
                  {BINDING_PASS + 4, GPU_READ, has_samples ? BUFFER_LOOKUP : BUFFER_FRAME},
@@ -38,5 +42,5 @@ void gbuffer_record(struct view *view, struct gpu_frame *frame)
 
 void gbuffer_record_samples(struct view *view, struct gpu_frame *frame)
 {
-    record_rays(view, frame, 1, groups_of(view->data.sample_capacity), 1);
+    record_rays(view, frame, 1, 0, 0);
 }

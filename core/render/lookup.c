@@ -83,11 +83,12 @@ static size_t point_count(const struct view *view)
     return ((size_t)view->width * view->height + sample_capacity(view)) * branches;
 }
 
-/* A cell mostly holds several points: as many slots as points leave more than half of them free. */
+/* A cell mostly holds a dozen points, and half of the pixels or more show none through glass: a slot for
+ * every fourth leaves nine of ten free. */
 static uint32_t slot_count(const struct view *view)
 {
     uint32_t slots = 1024;
-    while (slots < point_count(view) && slots < 1u << 21)
+    while (slots < point_count(view) / 4 && slots < 1u << 20)
         slots *= 2;
     return slots;
 }
@@ -140,7 +141,7 @@ bool lookup_prepare(struct view *view)
                       view_buffer(view, BUFFER_TREE_POINTS, points * sizeof(uint32_t)) &&
                       view_buffer(view, BUFFER_TREE_SHARES, photons * 2 * sizeof(uint32_t))
                 : view_buffer(view, BUFFER_LOOKUP_CELLS, slot_count(view) * sizeof(struct lookup_cell)) &&
-                      view_buffer(view, BUFFER_LOOKUP_MARKS, LOOKUP_MARK_WORDS * sizeof(uint32_t)) &&
+                      view_buffer(view, BUFFER_LOOKUP_MARKS, slot_count(view) * sizeof(uint32_t)) &&
                       view_buffer(view, BUFFER_LOOKUP_WALKS, photons * sizeof(uint32_t)) &&
                       view_buffer(view, BUFFER_LOOKUP_POINTS, points * sizeof(struct chain_point)) &&
                       view_buffer(view, BUFFER_LOOKUP_CODES, points * sizeof(uint32_t))) &&
@@ -174,18 +175,24 @@ static void record_grid(struct view *view, struct gpu_frame *frame)
 {
     zero(view, frame, BUFFER_LOOKUP_CELLS);
     zero(view, frame, BUFFER_LOOKUP_MARKS);
-    for (uint32_t phase = 0; phase < 3; phase++)
-        view_dispatch(view, frame,
-                      &(struct view_dispatch){.shader = "lookup_grid.comp",
-                                              .phase = phase,
-                                              .groups = {groups_of((uint32_t)point_count(view)), 1},
-                                              USES({BINDING_PASS, GPU_READ_WRITE, BUFFER_LOOKUP},
-                                                   {BINDING_PASS + 1, GPU_READ, BUFFER_CHAINS},
-                                                   {BINDING_PASS + 2, GPU_READ_WRITE, BUFFER_LOOKUP_CELLS},
-                                                   {BINDING_PASS + 3, GPU_READ_WRITE, BUFFER_LOOKUP_MARKS},
-                                                   {BINDING_PASS + 4, GPU_READ_WRITE, BUFFER_CHAIN_PLACES},
-                                                   {BINDING_PASS + 5, GPU_WRITE, BUFFER_LOOKUP_POINTS},
-                                                   {BINDING_PASS + 6, GPU_READ_WRITE, BUFFER_LOOKUP_CODES})});
+    uint32_t points = (uint32_t)point_count(view), slots = slot_count(view);
+    bool has_samples = view->features.bits & FEATURE_SAMPLES;
+    for (uint32_t phase = 0; phase < 3; phase++) // over points, cells, points
+        view_dispatch(
+            view, frame,
+            &(struct view_dispatch){
+                .shader = "lookup_grid.comp",
+                .phase = phase,
+                .groups = {groups_of(phase == 1 && slots < points ? slots : points), 1},
+                .indirect = BUFFER_LOOKUP,
+                .indirect_offset = phase != 1 && has_samples ? offsetof(struct lookup_gpu, point_groups) : 0,
+                USES({BINDING_PASS, GPU_READ_WRITE, BUFFER_LOOKUP},
+                     {BINDING_PASS + 1, GPU_READ, BUFFER_CHAINS},
+                     {BINDING_PASS + 2, GPU_READ_WRITE, BUFFER_LOOKUP_CELLS},
+                     {BINDING_PASS + 3, GPU_READ_WRITE, BUFFER_LOOKUP_MARKS},
+                     {BINDING_PASS + 4, GPU_READ_WRITE, BUFFER_CHAIN_PLACES},
+                     {BINDING_PASS + 5, GPU_WRITE, BUFFER_LOOKUP_POINTS},
+                     {BINDING_PASS + 6, GPU_READ_WRITE, BUFFER_LOOKUP_CODES})});
     const uint32_t phases = view->data.walk_alone < LONG_WALK_CPU ? 2 : 1;
     for (uint32_t phase = 0; phase < phases; phase++)
         view_dispatch(view, frame,
