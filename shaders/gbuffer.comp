@@ -1,7 +1,8 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 // gbuffer.comp: the surface every pixel shows: the first receiver, seen directly or through glass and mirrors, with
-// direct light where somebody asked for it. PHASE 1: the samples of broken pixels, chain points only.
+// direct light where somebody asked for it. PHASE 1: the samples of broken pixels, chain points only, to which those through
+// their middles give way.
 //
 // Reads   scene, lights; broken pixels
 // Writes  surfaces, targets of splats; chain points where somebody wants caustics seen through glass and mirrors
@@ -145,6 +146,9 @@ void main()
         within = fract(0.5 + float(sample_number % each) * SAMPLE_STEP);
         share = 1.0 / float(each);
         number = sample_first() + sample_number;
+        if (sample_number % each == 0u)
+            for (uint layer = 0u; layer < frame.camera_branches; layer++)
+                chains[layer * layer_size + pixel].position_normal.w = uintBitsToFloat(NONE);
         layer_size = frame.sample_capacity;
     } else if (place.x >= frame.width || place.y >= frame.height)
         return;

@@ -21,7 +21,7 @@ layout(std430, binding = BINDING_PASS + 5) readonly buffer sorted_buffer { chain
 layout(std430, binding = BINDING_PASS + 6) buffer sum_buffer { uint sums[]; };
 layout(std430, binding = BINDING_PASS + 7) buffer photon_buffer { photon photons[]; };
 layout(std430, binding = BINDING_PASS + 8) buffer walk_buffer { uint long_walks[]; };
-layout(std430, binding = BINDING_PASS + 9) readonly buffer code_buffer { uvec4 codes[]; };
+layout(std430, binding = BINDING_PASS + 9) readonly buffer code_buffer { uvec4 codes[]; }; // of four points each
 layout(constant_id = 8) const uint PHASE = 0u;
 #include "lookup_give.glsl"
 
@@ -78,7 +78,8 @@ uint find_cell(ivec3 cell, uint level)
 const uint HELD_MAX = 16u;
 uint held_cells[HELD_MAX];
 const int HELD_STEPS = 512; // most from the photon's cell that are told apart
-// Points that passed is_near: few do, so what is dear is done for several lanes together.
+// Of four points those that passed is_near, four bits below their place: few do, so what is dear is done for several lanes
+// together; and on lavapipe a store into an array takes as long as telling four points apart.
 const uint NEAR_MAX = 32u;
 uint near_points[NEAR_MAX];
 
@@ -109,6 +110,11 @@ bool is_near(uint code)
     float cxx = nearby.covariance.x + reach * reach, cxy = nearby.covariance.y, cyy = nearby.covariance.z + reach * reach;
     float open = width + NEAR_OPEN;
     return (cyy * o.x * o.x - 2.0 * cxy * o.x * o.y + cxx * o.y * o.y) * width * width < (cxx * cyy - cxy * cxy) * open * open;
+}
+
+uint bits(bvec4 of)
+{
+    return (of.x ? 1u : 0u) | (of.y ? 2u : 0u) | (of.z ? 4u : 0u) | (of.w ? 8u : 0u);
 }
 
 // The footprint along the axes: cells are walked in the plane of the two, i and j, that the normal is least along.
@@ -272,15 +278,12 @@ void walk(uint wanted, uint lane, uint lanes)
                     point = held_cells[at++];
                 }
                 uvec4 four = codes[point >> 2];
-                uint lasts = (four.x >> 31) | ((four.y >> 30) & 2u) | ((four.z >> 29) & 4u) | ((four.w >> 28) & 8u);
-                uint met = 15u << (point & 3u);
-                lasts &= met;
+                uint met = 15u << (point & 3u), lasts = bits(greaterThanEqual(four, uvec4(LOOKUP_LAST))) & met;
                 is_last = lasts != 0u;
-                met &= (lasts ^ (lasts - 1u)) & 15u; // up to the first that is the last of its cell
+                met &= (lasts ^ (lasts - 1u)) & 15u; // up to the last point of the cell
                 gave.tested += bitCount(met);
                 if (!is_wide)
-                    met &= (is_near(four.x) ? 1u : 0u) | (is_near(four.y) ? 2u : 0u) | (is_near(four.z) ? 4u : 0u) |
-                           (is_near(four.w) ? 8u : 0u);
+                    met &= bits(bvec4(is_near(four.x), is_near(four.y), is_near(four.z), is_near(four.w)));
                 if (met != 0u)
                     near_points[near++] = ((point >> 2) << 4) | met;
                 point = (point & ~3u) + 4u;

@@ -118,7 +118,7 @@ uint cell_hash(ivec3 cell, uint level)
 // The bit that says whether a block of 2^scale cells a side of this level may hold points.
 uint block_mark(ivec3 block, uint scale, uint level)
 {
-    return cell_hash(block, level + 32u * scale) & (32u * frame.lookup_slots - 1u);
+    return cell_hash(block, level + 32u * scale) & (8u * frame.lookup_slots - 1u);
 }
 
 // What a footprint of covariance `photon` (xx, xy, yy) in the frame t1, t2 gives per watt to a chain point at `offset`

@@ -3,18 +3,18 @@
 // lookup_break.comp: finds the pixels within which what glass and mirrors show breaks up: beside a pixel that shows
 // another surface, or a place farther away than its own size there tells. One camera ray tells nothing of them. Their
 // order depends on who came first; pictures do not, for it only says where their samples are kept.
-// PHASE 1: broken pixels' chain points give way to their samples, whose number is known.
+// PHASE 1, one workgroup: how many samples and points that makes.
 //
 // Reads   chain points
-// Writes  broken: pixels, then for each pixel its number among them or NONE; lookup.broken, lookup.shown; chain points and
-//         workgroups over samples and points (PHASE 1)
+// Writes  broken: pixels, then for each pixel its number among them or NONE; lookup.broken, lookup.shown; workgroups over
+//         samples and points (PHASE 1)
 // Source  design 8
 #include "frame.glsl"
 #include "lookup.glsl"
 layout(local_size_x = GROUP_SIZE) in;
 layout(constant_id = 8) const uint PHASE = 0u;
 layout(std430, binding = BINDING_PASS) buffer lookup_buffer { lookup_gpu lookup; };
-layout(std430, binding = BINDING_PASS + 1) buffer chain_buffer { chain_point chains[]; };
+layout(std430, binding = BINDING_PASS + 1) readonly buffer chain_buffer { chain_point chains[]; };
 layout(std430, binding = BINDING_PASS + 2) buffer broken_buffer { uint broken[]; };
 
 const float APART_MAX = 3.0;  // reaches of a pixel's filter; neighbours on a plane are 1.33 apart
@@ -72,20 +72,17 @@ void main()
 {
     uint pixel = gl_GlobalInvocationID.x, pixels = frame.width * frame.height;
     bool is_pixel = pixel < pixels;
-    if (PHASE == 0u) {
-        uint place = NONE;
-        if (is_pixel && is_broken(pixel)) {
-            place = atomicAdd(lookup.broken, 1u);
-            broken[place] = pixel;
-        }
-        if (is_pixel)
-            broken[pixels + pixel] = place;
-        count_shown(is_pixel && (place != NONE || chain_exists(chains[pixel])));
+    if (PHASE == 1u) {
+        if (pixel == 0u)
+            count_groups();
         return;
     }
-    if (pixel == 0u)
-        count_groups();
-    if (is_pixel && samples_each(lookup.broken, lookup.shown) > 1u && broken[pixels + pixel] != NONE)
-        for (uint layer = 0u; layer < frame.camera_branches; layer++)
-            chains[layer * pixels + pixel].position_normal.w = uintBitsToFloat(NONE);
+    uint place = NONE;
+    if (is_pixel && is_broken(pixel)) {
+        place = atomicAdd(lookup.broken, 1u);
+        broken[place] = pixel;
+    }
+    if (is_pixel)
+        broken[pixels + pixel] = place;
+    count_shown(is_pixel && (place != NONE || chain_exists(chains[pixel])));
 }

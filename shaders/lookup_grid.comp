@@ -1,8 +1,8 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 // lookup_grid.comp: sorts the frame's chain points into a hash grid of several levels.
-// PHASE 0: every point finds or claims its cell and its rank there, and cells get on a list; PHASE 1: they get their part of
-// the sorted points; PHASE 2: points go to their places. Which slot, rank and part they get depends on who came first; what is summed over
+// PHASE 0: every point finds or claims its cell and its rank there, and cells get on a list; PHASE 1: they are marked and get
+// their part of the sorted points; PHASE 2: points go to their places. Which slot, rank and part they get depends on who came first; what is summed over
 // them does not: those sums are integers.
 //
 // Reads   chain points
@@ -64,15 +64,18 @@ void insert(uint number)
                 codes[atomicAdd(lookup.count[LOOKUP_COUNT_CELLS], 1u)] = place.x;
                 atomicOr(lookup.levels, 1u << level);
             }
-            ivec3 cell = cell_of(point.position_normal.xyz, level_size(level));
-            for (uint scale = 0u; scale <= LOOKUP_BLOCK_MAX; scale += scale == 0u ? 1u : 2u) {
-                uint mark = block_mark(cell >> scale, scale, level);
-                atomicOr(marks[mark >> 5], 1u << (mark & 31u));
-            }
         } else
             atomicAdd(lookup.count[LOOKUP_COUNT_GUARD], 1u);
     }
     places[number] = place;
+}
+
+void mark_cell(ivec3 cell, uint level)
+{
+    for (uint scale = 0u; scale <= LOOKUP_BLOCK_MAX; scale += scale == 0u ? 1u : 2u) {
+        uint mark = block_mark(cell >> scale, scale, level);
+        atomicOr(marks[mark >> 5], 1u << (mark & 31u));
+    }
 }
 
 void main()
@@ -84,8 +87,10 @@ void main()
             return;
         uint slot = index < cell_count ? codes[index] : NONE;
         uint first = hand_out(slot != NONE ? cells[slot].count : 0u);
-        if (slot != NONE)
+        if (slot != NONE) {
             cells[slot].first = first;
+            mark_cell(ivec3(cells[slot].x, cells[slot].y, cells[slot].z), cells[slot].owner >> 27);
+        }
         return;
     }
     if (!point_is_used(index))

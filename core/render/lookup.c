@@ -83,12 +83,12 @@ static size_t point_count(const struct view *view)
     return ((size_t)view->width * view->height + sample_capacity(view)) * branches;
 }
 
-/* A cell mostly holds a dozen points, and half of the pixels or more show none through glass: a slot for
- * every fourth leaves nine of ten free. */
+/* A cell mostly holds a dozen points: as many slots as points leave nine of ten free, and there is one for
+ * each where every point has a cell of its own. */
 static uint32_t slot_count(const struct view *view)
 {
     uint32_t slots = 1024;
-    while (slots < point_count(view) / 4 && slots < 1u << 20)
+    while (slots < point_count(view) && slots < 1u << 21)
         slots *= 2;
     return slots;
 }
@@ -141,10 +141,10 @@ bool lookup_prepare(struct view *view)
                       view_buffer(view, BUFFER_TREE_POINTS, points * sizeof(uint32_t)) &&
                       view_buffer(view, BUFFER_TREE_SHARES, photons * 2 * sizeof(uint32_t))
                 : view_buffer(view, BUFFER_LOOKUP_CELLS, slot_count(view) * sizeof(struct lookup_cell)) &&
-                      view_buffer(view, BUFFER_LOOKUP_MARKS, slot_count(view) * sizeof(uint32_t)) &&
+                      view_buffer(view, BUFFER_LOOKUP_MARKS, slot_count(view) / 4 * sizeof(uint32_t)) &&
                       view_buffer(view, BUFFER_LOOKUP_WALKS, photons * sizeof(uint32_t)) &&
                       view_buffer(view, BUFFER_LOOKUP_POINTS, points * sizeof(struct chain_point)) &&
-                      view_buffer(view, BUFFER_LOOKUP_CODES, points * sizeof(uint32_t))) &&
+                      view_buffer(view, BUFFER_LOOKUP_CODES, (points + 3) / 4 * 4 * sizeof(uint32_t))) &&
            view_buffer(view, BUFFER_LOOKUP_PHOTONS, photons * sizeof(struct lookup_photon)) &&
            view_buffer(view, BUFFER_LOOKUP_SUMS, points * channels * 2 * sizeof(uint32_t)) &&
            view_buffer(view, BUFFER_INDIRECT, pixels * sizeof(vec4));
@@ -155,13 +155,14 @@ static void record_samples(struct view *view, struct gpu_frame *frame)
     if (!(view->features.bits & FEATURE_SAMPLES))
         return;
     for (uint32_t phase = 0; phase < 2; phase++)
-        view_dispatch(view, frame,
-                      &(struct view_dispatch){.shader = "lookup_break.comp",
-                                              .phase = phase,
-                                              .groups = {groups_of(view->width * view->height), 1},
-                                              USES({BINDING_PASS, GPU_READ_WRITE, BUFFER_LOOKUP},
-                                                   {BINDING_PASS + 1, GPU_READ_WRITE, BUFFER_CHAINS},
-                                                   {BINDING_PASS + 2, GPU_READ_WRITE, BUFFER_BROKEN})});
+        view_dispatch(
+            view, frame,
+            &(struct view_dispatch){.shader = "lookup_break.comp",
+                                    .phase = phase,
+                                    .groups = {phase ? 1 : groups_of(view->width * view->height), 1},
+                                    USES({BINDING_PASS, GPU_READ_WRITE, BUFFER_LOOKUP},
+                                         {BINDING_PASS + 1, GPU_READ, BUFFER_CHAINS},
+                                         {BINDING_PASS + 2, GPU_READ_WRITE, BUFFER_BROKEN})});
     gbuffer_record_samples(view, frame);
 }
 

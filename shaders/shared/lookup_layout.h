@@ -22,9 +22,9 @@
 /* Slots looked at before a point settles for a coarser cell. */
 #define LOOKUP_PROBES 16
 
-/* Cells, and blocks of 2^1, 2^3, ... cells a side, have a bit each that says whether they may hold points:
- * bits of a word for every slot. With 0.6 bits a point most levels seemed to have points everywhere, and
- * walks over their cells took half of the lookup's time (`pool` at 960x540). */
+/* Cells, and blocks of 2^1, 2^3, ... cells a side, have a bit each that says whether they may hold points, of
+ * eight for every slot. With half a bit most levels seemed to have points everywhere, and walks over their
+ * cells took half of the lookup's time (`pool` at 960x540). */
 #define LOOKUP_BLOCK_MAX 7
 
 /* Cells of its finest level that one photon may walk over; a larger footprint is made smaller, with its
