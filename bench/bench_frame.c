@@ -16,7 +16,8 @@
 #define MAX_ROUNDS 101u
 #define MAX_CASES  8u
 
-static uint32_t frame_width = 480, frame_height = 270; /* of the tables passes, no-caster and scenes */
+static uint32_t frame_width = 480,
+                frame_height = 270; /* of the tables passes, no-caster, scenes and governor */
 
 struct subject {
     struct scene *scene;
@@ -341,19 +342,111 @@ static void bench_scenes(struct gpu *gpu, uint32_t rounds)
     }
 }
 
+/* ---- the governor ------------------------------------------------------------------------------------- */
+
+#define PATH_FRAMES 160u
+#define PATH_SETTLE 14u /* frames that it may take to find its budget */
+
+/* Once around what the scene's camera looks at, in to 0.7 of its distance and out again. */
+static struct view_camera path_camera(const struct view_camera *start, uint32_t frame)
+{
+    struct view_camera camera = *start;
+    double turn = 2 * 3.14159265358979 * frame / PATH_FRAMES, scale = 0.85 + 0.15 * cos(turn);
+    double x = start->eye[0] - start->at[0], y = start->eye[1] - start->at[1],
+           z = start->eye[2] - start->at[2];
+    camera.eye[0] = (float)(start->at[0] + scale * (x * cos(turn) + z * sin(turn)));
+    camera.eye[1] = (float)(start->at[1] + scale * y);
+    camera.eye[2] = (float)(start->at[2] + scale * (z * cos(turn) - x * sin(turn)));
+    return camera;
+}
+
+static void render_path(struct view *view, uint32_t channels, double *elapsed_ms, double *budgets)
+{
+    struct error error;
+    struct view_camera start = render(view, channels)->camera;
+    for (uint32_t frame = 0; frame < PATH_FRAMES; frame++) {
+        struct view_camera camera = path_camera(&start, frame);
+        if (!view_set_camera(view, &camera, &error))
+            measure_die(&error);
+        const struct frame_result *result = render(view, channels);
+        elapsed_ms[frame] = 1e-6 * result->stats[STAT_frame_ns];
+        budgets[frame] = result->stats[STAT_governor_photons];
+    }
+    if (!view_set_camera(view, &start, &error))
+        measure_die(&error);
+}
+
+static void bench_governor(struct gpu *gpu, uint32_t rounds)
+{
+    (void)rounds; /* a path is rendered once */
+    static const struct {
+        const char *scene;
+        uint32_t channels;
+        double share; /* T over the median frame of the same path with all photons */
+    } cases[] = {
+        {"sphere", 1u << CHANNEL_CAUSTICS, 0.8},
+        {"sphere", 1u << CHANNEL_CAUSTICS, 0.5},
+        {"square", 1u << CHANNEL_CAUSTICS, 0.6},
+        {"cube", 1u << CHANNEL_CAUSTICS | 1u << CHANNEL_INDIRECT, 0.7},
+        {"pool", 1u << CHANNEL_CAUSTICS | 1u << CHANNEL_INDIRECT, 0.8},
+    };
+    printf(
+        "\nbudget_ms over a path of %u frames around the scene, %ux%u, after %u frames; photons 1,048,576 at "
+        "most, target_area 1\n\n| scene | channels | all photons, median ms | T, ms | median ms | within 10 "
+        "%% "
+        "of T | above | budgets | changes, largest |\n|---|---|---|---|---|---|---|---|---|\n",
+        PATH_FRAMES, frame_width, frame_height, PATH_SETTLE);
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        static double elapsed[PATH_FRAMES], budgets[PATH_FRAMES];
+        const uint32_t count = PATH_FRAMES - PATH_SETTLE;
+        struct error error;
+        struct scene *scene = scene_create_builtin(cases[i].scene, &error);
+        struct renderer *renderer = make_renderer(gpu, scene, &error);
+        struct view *view = make_view(renderer, frame_width, frame_height);
+        double most = fmin(1048576, renderer_limits(renderer)->max_photons);
+        set(view, SETTING_photons, most);
+        set(view, SETTING_target_area, 1);
+        render_path(view, cases[i].channels, elapsed, budgets);
+        double whole = measure_median(elapsed + PATH_SETTLE, count), target = cases[i].share * whole;
+        set(view, SETTING_budget_ms, target);
+        render_path(view, cases[i].channels, elapsed, budgets);
+        uint32_t within = 0, above = 0, changes = 0;
+        double least = INFINITY, largest = 0, step = 1;
+        for (uint32_t frame = PATH_SETTLE; frame < PATH_FRAMES; frame++) {
+            within += fabs(elapsed[frame] - target) <= 0.1 * target;
+            above += elapsed[frame] > 1.1 * target;
+            double ratio = budgets[frame] / budgets[frame - 1];
+            changes += frame > PATH_SETTLE && ratio != 1;
+            step = frame > PATH_SETTLE ? fmax(step, fmax(ratio, 1 / ratio)) : step;
+            least = fmin(least, budgets[frame]);
+            largest = fmax(largest, budgets[frame]);
+        }
+        printf("| %s | %s | %.2f | %.2f | %.2f | %u of %u | %u | %.0f to %.0f | %u, x%.2f |\n",
+               cases[i].scene, cases[i].channels >> CHANNEL_INDIRECT & 1 ? "caustics, indirect" : "caustics",
+               whole, target, measure_median(elapsed + PATH_SETTLE, count), within, count, above, least,
+               largest, changes, step);
+        fflush(stdout);
+        view_destroy(&view);
+        renderer_destroy(&renderer);
+        scene_destroy(&scene);
+    }
+}
+
 static const struct {
     const char *name;
     void (*run)(struct gpu *gpu, uint32_t rounds);
-} tables[] = {{"passes", bench_passes},   {"scenes", bench_scenes}, {"no-caster", bench_no_caster},
-              {"photons", bench_photons}, {"pixels", bench_pixels}, {"triangles", bench_triangles}};
+} tables[] = {{"passes", bench_passes},    {"scenes", bench_scenes}, {"no-caster", bench_no_caster},
+              {"photons", bench_photons},  {"pixels", bench_pixels}, {"triangles", bench_triangles},
+              {"governor", bench_governor}};
 #define TABLE_COUNT (sizeof tables / sizeof *tables)
 
 static const char usage[] =
     "usage: bench-frame [--device NAME] [--rounds N] [--size WxH] [TABLE...]\n"
     "What a frame costs, as medians of N rounds (15), in Markdown. TABLE is passes, scenes, no-caster, "
     "photons,\n"
-    "pixels or triangles; all of them when none is given. --size is that of passes, scenes and no-caster\n"
-    "(480x270).\n";
+    "pixels, triangles or governor; all of them when none is given. --size is that of passes, scenes, "
+    "no-caster\n"
+    "and governor (480x270).\n";
 
 int main(int argc, char **argv)
 {

@@ -19,6 +19,12 @@
 /* Levels of the grid: cells of frame.lookup_base * 2^level. */
 #define LOOKUP_LEVELS 32
 
+/* Of what the picture shows of a photon through glass or mirrors, the part that counts in the feedback: chain
+ * points see nothing smaller than their pixel's filter, and photons of target_area would be finer than it
+ * takes. On `pool` from above at 480x270 this sends 50,000 photons and a quarter 95,000, at errors of 0.068
+ * and 0.064. */
+#define LOOKUP_AREA_PART 0.0625f
+
 /* Slots looked at before a point settles for a coarser cell. */
 #define LOOKUP_PROBES 16
 

@@ -355,7 +355,7 @@ static void compare(struct lookup_case *c, const char *name, uint32_t limited)
                 continue;
             double value = kernel(photon, &c->chains[k], &is_doubtful);
             double throughput = (c->chains[k].axes.w & 0xfff) / 1024.0;
-            area += 0.25 * value * (double)photon->flux.w * throughput;
+            area += (double)LOOKUP_AREA_PART * value * (double)photon->flux.w * throughput;
             inside += value > 0;
             doubts += is_doubtful;
             double flux[3] = {(double)photon->flux.x, (double)photon->flux.y, (double)photon->flux.z};
