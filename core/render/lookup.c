@@ -178,7 +178,7 @@ static void record_grid(struct view *view, struct gpu_frame *frame)
     zero(view, frame, BUFFER_LOOKUP_MARKS);
     uint32_t points = (uint32_t)point_count(view), slots = slot_count(view);
     bool has_samples = view->features.bits & FEATURE_SAMPLES;
-    for (uint32_t phase = 0; phase < 3; phase++) // over points, cells, points
+    for (uint32_t phase = 0; phase < 3; phase++) /* over points, cells, points */
         view_dispatch(
             view, frame,
             &(struct view_dispatch){

@@ -69,7 +69,7 @@ struct lookup_case {
     uint32_t places[2 * POINTS], codes[POINTS];
     vec4 weights[POINTS], indirect[PIXELS];
     struct lookup_cell cells[SLOTS];
-    uint32_t marks[SLOTS];
+    uint32_t marks[SLOTS / 4]; /* eight bits a slot */
     struct lookup_gpu lookup;
     struct counters_gpu counters;
     uint32_t sums[6 * POINTS];
