@@ -74,6 +74,16 @@ static double pass_ns(const struct frame_result *result, const char *name)
     return sum;
 }
 
+/* What passes took whose work grows with photons, if not all of it does. */
+static double photons_ns(const struct frame_result *result)
+{
+    static const char *const names[] = {"emit", "trace", "compact", "splat", "lookup", "feedback"};
+    double sum = 0;
+    for (size_t i = 0; i < sizeof names / sizeof *names; i++)
+        sum += pass_ns(result, names[i]);
+    return sum;
+}
+
 void budget_measure(struct view *view, uint64_t elapsed_ns)
 {
     double *stats = view->result.stats;
@@ -85,6 +95,7 @@ void budget_measure(struct view *view, uint64_t elapsed_ns)
     if (governor_step(&view->governor,
                       &(struct governor_frame){
                           .measured_ns = (double)elapsed_ns,
+                          .photons_ns = photons_ns(&view->result),
                           .target_ns = 1e6 * (double)view->settings.budget_ms,
                           .emitted = stats[STAT_photons_emitted],
                           .least = budget_least(view),

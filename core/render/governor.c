@@ -9,16 +9,25 @@
 /* A frame that took so many times what was predicted, or so many times less, is a hitch; two in a row are
  * another picture, whose line goes through them at the old share. */
 #define FAR 1.25
-/* Share of the time that goes into photons until the fit has seen budgets that differ: too high a guess only
- * makes steps smaller. */
+/* Share of the photons' passes that grows with them until the fit has seen budgets that differ: too high a
+ * guess only makes steps smaller. */
 #define FIRST_SHARE 0.95
+/* Share of a frame that has to grow with photons for steps to be free: below it other work is what changed.
+ */
+#define FREE_SHARE 0.4
+/* Densities emit less than this share of a budget only where nothing in view wants photons. */
+#define FULL 0.5
 /* Photons that are worth more than camera rays or samples, as a share of the most; frames that have to agree
  * on fewer of these, and on more. */
 #define SCARCE      (1.0 / 8)
 #define FEWER_AFTER 3
 #define MORE_AFTER  8
-#define FORGET      0.85 /* weight of the frame before in the fit */
-#define FOLLOW      0.4  /* weight of the newest frame in `scale` */
+/* Steps of photons that say what share of the time grows with them; how little a step without noise says,
+ * squared; weight that earlier steps keep. */
+#define LEAST_STEP 0.02
+#define DOUBT      0.01
+#define FORGET     0.85
+#define FOLLOW     0.4 /* weight of the newest frame in `scale` and `rest_ns` */
 
 static const double knob_factors[GOVERNOR_KNOBS] = {[GOVERNOR_RAYS] = 3, [GOVERNOR_SAMPLES] = 4};
 
@@ -29,7 +38,7 @@ static double clamp(double value, double least, double most)
 
 static double predict(const struct governor *governor, double photons)
 {
-    return governor->scale * (governor->fixed_ns + governor->slope_ns * photons);
+    return governor->rest_ns + governor->scale * (governor->fixed_ns + governor->slope_ns * photons);
 }
 
 uint32_t governor_photons(struct governor *governor, double least, double most)
@@ -50,7 +59,8 @@ uint32_t governor_count(struct governor *governor, enum governor_knob knob, doub
 /* Photons that fill `time`. */
 static double photons_of(const struct governor *governor, double time)
 {
-    return fmax(time / governor->scale - governor->fixed_ns, 0) / (governor->slope_ns * governor->fill);
+    return fmax((time - governor->rest_ns) / governor->scale - governor->fixed_ns, 0) /
+           (governor->slope_ns * governor->fill);
 }
 
 static bool steer_count(struct governor *governor, const struct governor_frame *frame,
@@ -85,62 +95,75 @@ static bool steer_counts(struct governor *governor, const struct governor_frame 
     return steer_count(governor, frame, first) || steer_count(governor, frame, second);
 }
 
+/* A line through this point of which `share` grows with photons. */
+static void set_line(struct governor *governor, double photons, double time, double share)
+{
+    share = clamp(share, 0.05, 0.98);
+    governor->slope_ns = share * time / photons;
+    governor->fixed_ns = (1 - share) * time;
+}
+
+/* From frames whose photons differ: a camera path changes their times as well, but less from one to the next.
+ */
 static void fit(struct governor *governor, double photons, double time)
 {
-    double share = FIRST_SHARE;
-    if (governor->weight > 0)
-        share = governor->slope_ns * governor->sum_p / governor->sum_t;
-    governor->weight = governor->weight * FORGET + 1;
-    governor->sum_p = governor->sum_p * FORGET + photons;
-    governor->sum_t = governor->sum_t * FORGET + time;
-    governor->sum_pp = governor->sum_pp * FORGET + photons * photons;
-    governor->sum_pt = governor->sum_pt * FORGET + photons * time;
-    double p = governor->sum_p / governor->weight, t = governor->sum_t / governor->weight;
-    double variance = governor->sum_pp / governor->weight - p * p;
-    /* A slope from budgets that hardly differ is the slope of the noise: the share stays then. */
-    if (variance > 0.01 * p * p)
-        share = (governor->sum_pt / governor->weight - p * t) / variance * p / t;
-    share = clamp(share, 0.3, 0.98);
-    governor->slope_ns = share * t / p;
-    governor->fixed_ns = (1 - share) * t;
+    double step = log(photons / governor->last_photons), change = log(time / governor->last_ns);
+    governor->last_photons = photons;
+    governor->last_ns = time;
+    if (fabs(step) < LEAST_STEP)
+        return;
+    double line = governor->fixed_ns + governor->slope_ns * photons,
+           share = governor->slope_ns * photons / line;
+    governor->weight = FORGET * governor->weight + step * step;
+    double doubt = DOUBT + 4 * governor->noise * governor->noise;
+    share += step * (change - share * step) / (governor->weight + doubt);
+    set_line(governor, photons, line, share);
+}
+
+static void start(struct governor *governor, double photons, double time, double rest, double share)
+{
+    set_line(governor, photons, time, share);
+    governor->scale = 1;
+    governor->rest_ns = rest;
+    governor->weight = 0;
+    governor->last_photons = photons;
+    governor->last_ns = time;
+    governor->free_steps = FREE_STEPS;
 }
 
 /* Whether the frame says something about those to come; it is part of the line then. */
-static bool learn(struct governor *governor, double photons, double time)
+static bool learn(struct governor *governor, const struct governor_frame *frame)
 {
+    double photons = frame->emitted,
+           time = clamp(frame->photons_ns, 0.01 * frame->measured_ns, frame->measured_ns),
+           rest = frame->measured_ns - time;
     if (governor->frames++ < SKIPPED_FRAMES)
         return false;
     if (!(governor->slope_ns > 0)) {
-        governor->scale = 1;
-        governor->free_steps = FREE_STEPS;
+        start(governor, photons, time, rest, FIRST_SHARE);
     } else {
-        double ratio = time / predict(governor, photons);
-        double off = fabs(log(ratio));
-        bool is_far = off > fmax(log(FAR), 3 * governor->noise);
-        governor->noise += 0.1 * (fmin(off, 1) - governor->noise);
+        double off = log(frame->measured_ns / predict(governor, photons));
+        bool is_far = fabs(off) > fmax(log(FAR), 3 * governor->noise);
+        /* Neighbours that differ are noise; those that are off together are a path. */
+        governor->noise += 0.1 * (fmin(0.75 * fabs(off - governor->off), 1) - governor->noise);
+        governor->off = off;
         if (is_far && !governor->was_far) {
             governor->was_far = true;
             return false;
         }
         governor->was_far = false;
         if (is_far) {
-            double share = governor->slope_ns * governor->sum_p / governor->sum_t;
-            governor->weight = 1;
-            governor->sum_p = photons;
-            governor->sum_t = time;
-            governor->sum_pp = photons * photons;
-            governor->sum_pt = photons * time;
-            governor->slope_ns = share * time / photons;
-            governor->fixed_ns = (1 - share) * time;
-            governor->scale = 1;
-            governor->free_steps = FREE_STEPS;
+            start(governor, photons, time, rest,
+                  governor->slope_ns * photons / (governor->fixed_ns + governor->slope_ns * photons));
             return true;
         }
     }
     fit(governor, photons, time);
-    double ratio = time / (governor->fixed_ns + governor->slope_ns * photons);
     /* Where frames of the same work differ by much, more of them have to agree. */
-    governor->scale += FOLLOW / fmax(1, 20 * governor->noise) * (ratio - governor->scale);
+    double follow = FOLLOW / fmax(1, 20 * governor->noise);
+    governor->scale +=
+        follow * (time / (governor->fixed_ns + governor->slope_ns * photons) - governor->scale);
+    governor->rest_ns += follow * (rest - governor->rest_ns);
     return true;
 }
 
@@ -157,20 +180,32 @@ bool governor_step(struct governor *governor, const struct governor_frame *frame
     if (!(governor->fill > 0))
         governor->fill = 1;
     /* Densities follow a larger budget over a few frames. */
-    if (governor->since_change > 3)
-        governor->fill += 0.3 * (clamp(frame->emitted / budget, 0.1, 1) - governor->fill);
-    if (!learn(governor, frame->emitted, frame->measured_ns))
+    bool is_settled = governor->since_change > 3;
+    if (is_settled && frame->emitted < FULL * budget && frame->measured_ns < frame->target_ns) {
+        governor->is_idle = true;
+        return false;
+    }
+    if (governor->is_idle) { /* densities grow again */
+        governor->is_idle = false;
+        governor->since_change = 0;
+    } else if (is_settled)
+        governor->fill += 0.3 * (clamp(frame->emitted / budget, FULL, 1) - governor->fill);
+    if (!learn(governor, frame))
         return false;
     if (steer_counts(governor, frame))
         return true;
     double band = fmax(frame->is_at_rest ? GOVERNOR_REST_BAND : GOVERNOR_BAND, 0.75 * governor->noise);
     if (fabs(predict(governor, governor->fill * budget) / frame->target_ns - 1) <= band)
         return false;
-    double ratio = photons_of(governor, frame->target_ns) / budget;
+    double ratio = clamp(photons_of(governor, frame->target_ns), frame->least, frame->most) / budget;
+    bool is_free = governor->free_steps > 0 &&
+                   governor->scale * governor->slope_ns * frame->emitted > FREE_SHARE * frame->measured_ns;
     if (governor->free_steps > 0)
         governor->free_steps--;
-    else
-        ratio = clamp(ratio, 1 / GOVERNOR_STEP, GOVERNOR_STEP);
+    if (!is_free) {
+        double most = fmax(GOVERNOR_STEP, pow(fmax(ratio, 1 / ratio), 0.25));
+        ratio = clamp(ratio, 1 / most, most);
+    }
     governor->photons = clamp(budget * ratio, frame->least, frame->most);
     if (fabs(governor->photons - budget) < 1)
         return false;

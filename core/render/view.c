@@ -468,6 +468,12 @@ static float radical_inverse(uint32_t base, uint32_t index)
     return value;
 }
 
+static bool is_sampled_at_points(int32_t aa)
+{
+    return aa == SPLAT_AA_NONE || aa == SPLAT_AA_MSAA || aa == SPLAT_AA_MSAA_SAMPLE ||
+           aa == SPLAT_AA_MSAA_SMALL;
+}
+
 static void fill_camera(struct view *view, struct frame_gpu *data, uint32_t subframe)
 {
     float forward[3], right[3], up[3];
@@ -480,14 +486,16 @@ static void fill_camera(struct view *view, struct frame_gpu *data, uint32_t subf
         shift[0] = radical_inverse(2, subframe + 1) - 0.5f;
         shift[1] = radical_inverse(3, subframe + 1) - 0.5f;
     }
-    /* Only the G-buffer's rays move within their pixels. Splats carry the pixel filter already: moving them
-     * as well would filter twice. */
+    /* The G-buffer's rays move within their pixels, and splats that are sampled at points with them. Those
+     * that carry a pixel filter already would be filtered twice. */
     float middle[2] = {0.5f * (float)view->width, 0.5f * (float)view->height};
+    float splat_shift = is_sampled_at_points(view->settings.aa) ? 1.0f : 0.0f;
     data->eye = vec4_of(camera->eye, (float)view->time);
     data->forward = vec4_of(forward, 1 / (focal * focal));
     data->right = vec4_of(right, 0);
     data->up = vec4_of(up, 0);
-    data->center = (vec4){focal, -focal, middle[0], middle[1]};
+    data->center =
+        (vec4){focal, -focal, middle[0] - splat_shift * shift[0], middle[1] - splat_shift * shift[1]};
     float origin[3], x[3], y[3];
     for (int k = 0; k < 3; k++) {
         x[k] = right[k] / focal;

@@ -20,20 +20,22 @@ static double noise(void)
 struct plant {
     struct governor governor;
     double fixed_ns, slope_ns, noise, fill; /* fill: share of a budget that is emitted */
+    double host_share;                      /* of fixed_ns: what is not in the photons' passes */
     double emitted;
     double most_rays, ray_ns; /* of camera rays in pixels that break up; 0: there are none */
     uint32_t rays, rays_changes;
     double most_samples, sample_ns; /* of multisampled splats; 0: they are not */
     uint32_t samples, samples_changes;
-    uint32_t changes; /* of the budget */
-    double budget, largest_step;
+    uint32_t changes, turns; /* of the budget; a turn is a step up after one down, or down after one up */
+    double budget, largest_step, last_step;
     bool is_at_rest;
 };
 
 static struct plant plant_of(double fixed_ns, double slope_ns, double amplitude)
 {
     noise_state = 1;
-    return (struct plant){.fixed_ns = fixed_ns, .slope_ns = slope_ns, .noise = amplitude, .fill = 0.9};
+    return (struct plant){
+        .fixed_ns = fixed_ns, .slope_ns = slope_ns, .noise = amplitude, .fill = 0.9, .host_share = 0.5};
 }
 
 /* One frame; its time without noise, which is what the governor is there to hold. */
@@ -43,6 +45,10 @@ static double run(struct plant *plant, double target_ns, double hitch_ns)
     if (plant->budget > 0) {
         double step = budget / plant->budget;
         plant->largest_step = fmax(plant->largest_step, fmax(step, 1 / step));
+        if (step != 1) {
+            plant->turns += plant->last_step > 0 && (step > 1) != (plant->last_step > 1);
+            plant->last_step = step;
+        }
     }
     plant->budget = budget;
     double settled = plant->fill * budget;
@@ -60,17 +66,19 @@ static double run(struct plant *plant, double target_ns, double hitch_ns)
     plant->samples = samples;
     double samples_ns = plant->sample_ns * (0.5 + samples);
     double time = plant->fixed_ns + rays_ns + samples_ns + plant->slope_ns * plant->emitted;
-    plant->changes +=
-        governor_step(&plant->governor, &(struct governor_frame){
-                                            .measured_ns = time * (1 + plant->noise * noise()) + hitch_ns,
-                                            .target_ns = target_ns,
-                                            .emitted = plant->emitted,
-                                            .least = LEAST,
-                                            .most = MOST,
-                                            .knobs[GOVERNOR_RAYS] = {most_rays, rays_ns},
-                                            .knobs[GOVERNOR_SAMPLES] = {most_samples, samples_ns},
-                                            .is_at_rest = plant->is_at_rest,
-                                        });
+    double factor = 1 + plant->noise * noise();
+    plant->changes += governor_step(&plant->governor,
+                                    &(struct governor_frame){
+                                        .measured_ns = time * factor + hitch_ns,
+                                        .photons_ns = (time - plant->host_share * plant->fixed_ns) * factor,
+                                        .target_ns = target_ns,
+                                        .emitted = plant->emitted,
+                                        .least = LEAST,
+                                        .most = MOST,
+                                        .knobs[GOVERNOR_RAYS] = {most_rays, rays_ns},
+                                        .knobs[GOVERNOR_SAMPLES] = {most_samples, samples_ns},
+                                        .is_at_rest = plant->is_at_rest,
+                                    });
     return time;
 }
 
@@ -235,6 +243,53 @@ static void a_path_is_followed_in_small_steps(void **state)
     assert_in_bound(plant.largest_step, GOVERNOR_STEP + 1e-3);
 }
 
+/* On a GPU: photons are a tenth of the time, the other work swings by 15 % along the path, and frames differ
+ * by 2 %. A tenth of the target is all the photons there are: they go from few to many and back, once a
+ * swing. */
+static void little_of_the_time_does_not_pump(void **state)
+{
+    (void)state;
+    struct plant plant = plant_of(9e6, 1e6 / (0.3 * MOST), 0.02);
+    plant.host_share = 0.8;
+    double largest;
+    settle(&plant, 1e7, 30, &largest);
+    plant.largest_step = plant.last_step = 0;
+    plant.turns = 0;
+    uint32_t outside = 0;
+    for (int i = 0; i < 400; i++) {
+        plant.fixed_ns = 9e6 * (1 + 0.15 * sin(6.2831853 * i / 200));
+        outside += fabs(run(&plant, 1e7, i % 50 == 7 ? 5e6 : 0) / 1e7 - 1) > 0.1;
+    }
+    print_message("photons a tenth of the time: %u of 400 frames above 10 %%, %u changes, %u turns, largest "
+                  "step %.2f\n",
+                  outside, plant.changes, plant.turns, plant.largest_step);
+    assert_in_bound(plant.turns, 4); /* the path's own */
+    assert_in_bound(plant.largest_step, 2);
+    assert_int_equal(outside, 0);
+}
+
+/* The caster leaves the picture for a while: nothing wants photons, and no budget says anything about time.
+ */
+static void a_picture_without_photons_keeps_the_budget(void **state)
+{
+    (void)state;
+    struct plant plant = plant_of(3e6, 200, 0.02);
+    double largest;
+    settle(&plant, 1e7, 30, &largest);
+    const double budget = plant.budget;
+    for (int i = 0; i < 60; i++) {
+        plant.fill = fmax(0.5 * plant.fill, 0.01);
+        run(&plant, 1e7, 0);
+    }
+    plant.fill = 0.9;
+    uint32_t settled = settle(&plant, 1e7, 60, &largest);
+    print_message("out of view for 60 frames: budget %.0f, then %.0f; settled after %u, largest %.2f\n",
+                  budget, plant.budget, settled, largest);
+    assert_in_bound(largest, 1.1);
+    assert_true(settled <= 6); /* densities follow by halves */
+    assert_in_bound(fabs(plant.budget / budget - 1), 0.1);
+}
+
 static void it_settles_after_a_cut(void **state)
 {
     (void)state;
@@ -296,6 +351,8 @@ int main(void)
         cmocka_unit_test(samples_are_steered),
         cmocka_unit_test(noise_and_hitches_do_not_pump),
         cmocka_unit_test(a_path_is_followed_in_small_steps),
+        cmocka_unit_test(little_of_the_time_does_not_pump),
+        cmocka_unit_test(a_picture_without_photons_keeps_the_budget),
         cmocka_unit_test(it_settles_after_a_cut),
         cmocka_unit_test(limits_hold),
         cmocka_unit_test(a_busy_machine_is_not_followed),
