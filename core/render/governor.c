@@ -2,10 +2,12 @@
 
 #include <math.h>
 
+/* Frames off to the same side after another that make a trend, which is followed faster. */
+#define TREND 3u
 /* Frames that are not measured at the start: their pipelines are compiled, and densities are the seed's. */
 #define SKIPPED_FRAMES 2u
-/* Steps at the start and after a jump that may be of any size. */
-#define FREE_STEPS 6u
+/* Frames at the start and after a jump whose steps may be of any size. */
+#define FREE_FRAMES 12u
 /* A frame that took so many times what was predicted, or so many times less, is a hitch; two in a row are
  * another picture, whose line goes through them at the old share. */
 #define FAR 1.25
@@ -15,6 +17,9 @@
 /* Share of a frame that has to grow with photons for steps to be free: below it other work is what changed.
  */
 #define FREE_SHARE 0.4
+/* Of the target: what a frame may change of what the host is thought to take. A host that other programs hold
+ * up for some frames is nothing that fewer photons would mend. */
+#define HOST_STEP 0.01
 /* Densities emit less than this share of a budget only where nothing in view wants photons. */
 #define FULL 0.5
 /* Photons that are worth more than camera rays or samples, as a share of the most; frames that have to agree
@@ -38,7 +43,8 @@ static double clamp(double value, double least, double most)
 
 static double predict(const struct governor *governor, double photons)
 {
-    return governor->rest_ns + governor->scale * (governor->fixed_ns + governor->slope_ns * photons);
+    return governor->host_ns + governor->rest_ns +
+           governor->scale * (governor->fixed_ns + governor->slope_ns * photons);
 }
 
 uint32_t governor_photons(struct governor *governor, double least, double most)
@@ -59,7 +65,7 @@ uint32_t governor_count(struct governor *governor, enum governor_knob knob, doub
 /* Photons that fill `time`. */
 static double photons_of(const struct governor *governor, double time)
 {
-    return fmax((time - governor->rest_ns) / governor->scale - governor->fixed_ns, 0) /
+    return fmax((time - governor->host_ns - governor->rest_ns) / governor->scale - governor->fixed_ns, 0) /
            (governor->slope_ns * governor->fill);
 }
 
@@ -80,7 +86,7 @@ static bool steer_count(struct governor *governor, const struct governor_frame *
     if (!is_fewer && !is_more)
         return false;
     governor->counts[knob] = is_fewer ? fmax(floor(count / factor), 1) : more;
-    governor->free_steps = FREE_STEPS;
+    governor->free_frames = FREE_FRAMES;
     /* What the others would do has to be asked again. */
     for (int i = 0; i < GOVERNOR_KNOBS; i++)
         governor->votes[i] = 0;
@@ -120,32 +126,37 @@ static void fit(struct governor *governor, double photons, double time)
     set_line(governor, photons, line, share);
 }
 
-static void start(struct governor *governor, double photons, double time, double rest, double share)
+static void start(struct governor *governor, double photons, double time, double rest, double host,
+                  double share)
 {
     set_line(governor, photons, time, share);
     governor->scale = 1;
     governor->rest_ns = rest;
+    governor->host_ns = host;
     governor->weight = 0;
     governor->last_photons = photons;
     governor->last_ns = time;
-    governor->free_steps = FREE_STEPS;
+    governor->free_frames = FREE_FRAMES;
 }
 
 /* Whether the frame says something about those to come; it is part of the line then. */
 static bool learn(struct governor *governor, const struct governor_frame *frame)
 {
     double photons = frame->emitted,
-           time = clamp(frame->photons_ns, 0.01 * frame->measured_ns, frame->measured_ns),
-           rest = frame->measured_ns - time;
+           device = clamp(frame->device_ns, 0.01 * frame->measured_ns, frame->measured_ns),
+           time = clamp(frame->photons_ns, 0.01 * device, device), rest = device - time,
+           host = frame->measured_ns - device;
     if (governor->frames++ < SKIPPED_FRAMES)
         return false;
+    double off = 0;
     if (!(governor->slope_ns > 0)) {
-        start(governor, photons, time, rest, FIRST_SHARE);
+        start(governor, photons, time, rest, host, FIRST_SHARE);
     } else {
-        double off = log(frame->measured_ns / predict(governor, photons));
-        bool is_far = fabs(off) > fmax(log(FAR), 3 * governor->noise);
+        off = log(device / (predict(governor, photons) - governor->host_ns));
+        bool is_far = fabs(off) > fmax(log(FAR), 4 * governor->noise);
         /* Neighbours that differ are noise; those that are off together are a path. */
         governor->noise += 0.1 * (fmin(0.75 * fabs(off - governor->off), 1) - governor->noise);
+        governor->trend = off * governor->off > 0 ? governor->trend + 1 : 0;
         governor->off = off;
         if (is_far && !governor->was_far) {
             governor->was_far = true;
@@ -153,17 +164,19 @@ static bool learn(struct governor *governor, const struct governor_frame *frame)
         }
         governor->was_far = false;
         if (is_far) {
-            start(governor, photons, time, rest,
+            start(governor, photons, time, rest, host,
                   governor->slope_ns * photons / (governor->fixed_ns + governor->slope_ns * photons));
             return true;
         }
     }
     fit(governor, photons, time);
     /* Where frames of the same work differ by much, more of them have to agree. */
-    double follow = FOLLOW / fmax(1, 20 * governor->noise);
+    double follow = (governor->trend >= TREND ? 2 * FOLLOW : FOLLOW) / fmax(1, 20 * governor->noise);
     governor->scale +=
         follow * (time / (governor->fixed_ns + governor->slope_ns * photons) - governor->scale);
     governor->rest_ns += follow * (rest - governor->rest_ns);
+    double host_step = governor->free_frames > 0 ? frame->target_ns : HOST_STEP * frame->target_ns;
+    governor->host_ns += clamp(FOLLOW * (host - governor->host_ns), -host_step, host_step);
     return true;
 }
 
@@ -172,11 +185,12 @@ bool governor_step(struct governor *governor, const struct governor_frame *frame
     double budget = governor_photons(governor, frame->least, frame->most);
     if (governor->target_ns != frame->target_ns) {
         governor->target_ns = frame->target_ns;
-        governor->free_steps = FREE_STEPS;
+        governor->free_frames = FREE_FRAMES;
     }
     if (!(frame->emitted > 0) || !(frame->measured_ns > 0))
         return false;
     governor->since_change++;
+    governor->free_frames -= governor->free_frames > 0;
     if (!(governor->fill > 0))
         governor->fill = 1;
     /* Densities follow a larger budget over a few frames. */
@@ -198,12 +212,11 @@ bool governor_step(struct governor *governor, const struct governor_frame *frame
     if (fabs(predict(governor, governor->fill * budget) / frame->target_ns - 1) <= band)
         return false;
     double ratio = clamp(photons_of(governor, frame->target_ns), frame->least, frame->most) / budget;
-    bool is_free = governor->free_steps > 0 &&
+    bool is_free = governor->free_frames > 0 &&
                    governor->scale * governor->slope_ns * frame->emitted > FREE_SHARE * frame->measured_ns;
-    if (governor->free_steps > 0)
-        governor->free_steps--;
     if (!is_free) {
-        double most = fmax(GOVERNOR_STEP, pow(fmax(ratio, 1 / ratio), 0.25));
+        double far = governor->noise < GOVERNOR_BAND ? pow(fmax(ratio, 1 / ratio), 0.25) : 1;
+        double most = fmax(GOVERNOR_STEP, far);
         ratio = clamp(ratio, 1 / most, most);
     }
     governor->photons = clamp(budget * ratio, frame->least, frame->most);
