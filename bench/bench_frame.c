@@ -376,6 +376,14 @@ static void render_path(struct view *view, uint32_t channels, double *elapsed_ms
         measure_die(&error);
 }
 
+/* Of the frames that count; they stay in their order. */
+static double path_median(const double *values)
+{
+    double sorted[PATH_FRAMES - PATH_SETTLE];
+    memcpy(sorted, values + PATH_SETTLE, sizeof sorted);
+    return measure_median(sorted, PATH_FRAMES - PATH_SETTLE);
+}
+
 static void bench_governor(struct gpu *gpu, uint32_t rounds)
 {
     (void)rounds; /* a path is rendered once */
@@ -410,8 +418,7 @@ static void bench_governor(struct gpu *gpu, uint32_t rounds)
         render_path(view, channels, least, budgets);
         set(view, SETTING_budget_ms, 3.6e6);
         render_path(view, channels, most, budgets);
-        double low = measure_median(least + PATH_SETTLE, count),
-               high = measure_median(most + PATH_SETTLE, count);
+        double low = path_median(least), high = path_median(most);
         double target = low + cases[i].share * (high - low);
         set(view, SETTING_budget_ms, target);
         render_path(view, channels, elapsed, budgets);
@@ -435,8 +442,7 @@ static void bench_governor(struct gpu *gpu, uint32_t rounds)
         printf(
             "| %s | %s | %.2f to %.2f | %.2f | %.2f | %u of %u | %u | %u | %.0f to %.0f | %u, %u, x%.2f |\n",
             cases[i].scene, channels >> CHANNEL_INDIRECT & 1 ? "caustics, indirect" : "caustics", low, high,
-            target, measure_median(elapsed + PATH_SETTLE, count), can, count, within, above, smallest,
-            largest, changes, turns, step);
+            target, path_median(elapsed), can, count, within, above, smallest, largest, changes, turns, step);
         fflush(stdout);
         view_destroy(&view);
         renderer_destroy(&renderer);
