@@ -65,12 +65,11 @@ void budget_fill(struct view *view, struct frame_gpu *data)
     data->target_area *= 1.0f / 64;
 }
 
-/* Of all passes without a name. */
 static double pass_ns(const struct frame_result *result, const char *name)
 {
     double sum = 0;
     for (uint32_t i = 0; i < result->pass_count; i++)
-        if (!name || strcmp(result->passes[i].name, name) == 0)
+        if (strcmp(result->passes[i].name, name) == 0)
             sum += (double)result->passes[i].elapsed_ns;
     return sum;
 }
@@ -96,7 +95,7 @@ void budget_measure(struct view *view, uint64_t elapsed_ns)
     if (governor_step(&view->governor,
                       &(struct governor_frame){
                           .measured_ns = (double)elapsed_ns,
-                          .device_ns = pass_ns(&view->result, NULL),
+                          .device_ns = stats[STAT_gpu_ns],
                           .photons_ns = photons_ns(&view->result),
                           .target_ns = 1e6 * (double)view->settings.budget_ms,
                           .emitted = stats[STAT_photons_emitted],

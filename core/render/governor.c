@@ -32,7 +32,7 @@
 #define LEAST_STEP 0.02
 #define DOUBT      0.01
 #define FORGET     0.85
-#define FOLLOW     0.4 /* weight of the newest frame in `scale` and `rest_ns` */
+#define FOLLOW     0.4 /* weight of the newest frame in the line and `rest_ns` */
 
 static const double knob_factors[GOVERNOR_KNOBS] = {[GOVERNOR_RAYS] = 3, [GOVERNOR_SAMPLES] = 4};
 
@@ -41,10 +41,15 @@ static double clamp(double value, double least, double most)
     return fmin(fmax(value, least), most);
 }
 
-static double predict(const struct governor *governor, double photons)
+/* What the photons' passes take, and what share of it grows with photons. */
+static double line_at(const struct governor *governor, double photons)
 {
-    return governor->host_ns + governor->rest_ns +
-           governor->scale * (governor->fixed_ns + governor->slope_ns * photons);
+    return governor->fixed_ns + governor->slope_ns * photons;
+}
+
+static double share_at(const struct governor *governor, double photons)
+{
+    return governor->slope_ns * photons / line_at(governor, photons);
 }
 
 uint32_t governor_photons(struct governor *governor, double least, double most)
@@ -65,7 +70,7 @@ uint32_t governor_count(struct governor *governor, enum governor_knob knob, doub
 /* Photons that fill `time`. */
 static double photons_of(const struct governor *governor, double time)
 {
-    return fmax((time - governor->host_ns - governor->rest_ns) / governor->scale - governor->fixed_ns, 0) /
+    return fmax(time - governor->host_ns - governor->rest_ns - governor->fixed_ns, 0) /
            (governor->slope_ns * governor->fill);
 }
 
@@ -118,19 +123,17 @@ static void fit(struct governor *governor, double photons, double time)
     governor->last_ns = time;
     if (fabs(step) < LEAST_STEP)
         return;
-    double line = governor->fixed_ns + governor->slope_ns * photons,
-           share = governor->slope_ns * photons / line;
+    double share = share_at(governor, photons);
     governor->weight = FORGET * governor->weight + step * step;
     double doubt = DOUBT + 4 * governor->noise * governor->noise;
     share += step * (change - share * step) / (governor->weight + doubt);
-    set_line(governor, photons, line, share);
+    set_line(governor, photons, line_at(governor, photons), share);
 }
 
 static void start(struct governor *governor, double photons, double time, double rest, double host,
                   double share)
 {
     set_line(governor, photons, time, share);
-    governor->scale = 1;
     governor->rest_ns = rest;
     governor->host_ns = host;
     governor->weight = 0;
@@ -152,7 +155,7 @@ static bool learn(struct governor *governor, const struct governor_frame *frame)
     if (!(governor->slope_ns > 0)) {
         start(governor, photons, time, rest, host, FIRST_SHARE);
     } else {
-        off = log(device / (predict(governor, photons) - governor->host_ns));
+        off = log(device / (governor->rest_ns + line_at(governor, photons)));
         bool is_far = fabs(off) > fmax(log(FAR), 4 * governor->noise);
         /* Neighbours that differ are noise; those that are off together are a path. */
         governor->noise += 0.1 * (fmin(0.75 * fabs(off - governor->off), 1) - governor->noise);
@@ -164,16 +167,16 @@ static bool learn(struct governor *governor, const struct governor_frame *frame)
         }
         governor->was_far = false;
         if (is_far) {
-            start(governor, photons, time, rest, host,
-                  governor->slope_ns * photons / (governor->fixed_ns + governor->slope_ns * photons));
+            start(governor, photons, time, rest, host, share_at(governor, photons));
             return true;
         }
     }
     fit(governor, photons, time);
     /* Where frames of the same work differ by much, more of them have to agree. */
     double follow = (governor->trend >= TREND ? 2 * FOLLOW : FOLLOW) / fmax(1, 20 * governor->noise);
-    governor->scale +=
-        follow * (time / (governor->fixed_ns + governor->slope_ns * photons) - governor->scale);
+    double factor = 1 + follow * (time / line_at(governor, photons) - 1);
+    governor->fixed_ns *= factor;
+    governor->slope_ns *= factor;
     governor->rest_ns += follow * (rest - governor->rest_ns);
     double host_step = governor->free_frames > 0 ? frame->target_ns : HOST_STEP * frame->target_ns;
     governor->host_ns += clamp(FOLLOW * (host - governor->host_ns), -host_step, host_step);
@@ -209,11 +212,12 @@ bool governor_step(struct governor *governor, const struct governor_frame *frame
     if (steer_counts(governor, frame))
         return true;
     double band = fmax(frame->is_at_rest ? GOVERNOR_REST_BAND : GOVERNOR_BAND, 0.75 * governor->noise);
-    if (fabs(predict(governor, governor->fill * budget) / frame->target_ns - 1) <= band)
+    double expected = governor->host_ns + governor->rest_ns + line_at(governor, governor->fill * budget);
+    if (fabs(expected / frame->target_ns - 1) <= band)
         return false;
     double ratio = clamp(photons_of(governor, frame->target_ns), frame->least, frame->most) / budget;
-    bool is_free = governor->free_frames > 0 &&
-                   governor->scale * governor->slope_ns * frame->emitted > FREE_SHARE * frame->measured_ns;
+    bool is_free =
+        governor->free_frames > 0 && governor->slope_ns * frame->emitted > FREE_SHARE * frame->measured_ns;
     if (!is_free) {
         double far = governor->noise < GOVERNOR_BAND ? pow(fmax(ratio, 1 / ratio), 0.25) : 1;
         double most = fmax(GOVERNOR_STEP, far);

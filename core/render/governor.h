@@ -30,9 +30,8 @@ struct governor {
     double target_ns;
     double photons;               /* the budget it chose; 0: none yet */
     double fill;                  /* share of the budget that is emitted once densities have followed it */
-    double fixed_ns;              /* of the line fitted to the photons' passes, */
+    double fixed_ns;              /* of the line that the photons' passes follow, */
     double slope_ns;              /* per photon; 0: nothing measured yet */
-    double scale;                 /* what the latest frames' took over what the line says */
     double rest_ns;               /* of the latest frames, what other passes took, */
     double host_ns;               /* and the host */
     double weight;                /* fading sum of the squared steps that the line is fitted to */

@@ -86,9 +86,8 @@ enum tile_fit { TILE_FIT_CASTERS, TILE_FIT_FULL };
       "share of the frames before that is kept in the caustics shown, while no light and no object moves")   \
     S(seed, INT, 0, 2147483647, 1, "", "of every random choice")                                             \
     S(accumulate, INT, 1, 65536, 1, "",                                                                      \
-      "frames averaged into one, with jittered photons and camera rays when above 1, and splats of aa=none " \
-      "and "                                                                                                 \
-      "aa=msaa* moved within their pixels")                                                                  \
+      "frames averaged into one, with jittered photons, camera rays and splats of aa=none, aa=msaa* when "   \
+      "above 1")                                                                                             \
     S(budget_ms, FLOAT, 0, 3.6e6, 0, "",                                                                     \
       "time a frame is given, ms: photons up to the budget, camera_samples and samples of aa=msaa* are "     \
       "chosen "                                                                                              \

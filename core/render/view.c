@@ -468,12 +468,6 @@ static float radical_inverse(uint32_t base, uint32_t index)
     return value;
 }
 
-static bool is_sampled_at_points(int32_t aa)
-{
-    return aa == SPLAT_AA_NONE || aa == SPLAT_AA_MSAA || aa == SPLAT_AA_MSAA_SAMPLE ||
-           aa == SPLAT_AA_MSAA_SMALL;
-}
-
 static void fill_camera(struct view *view, struct frame_gpu *data, uint32_t subframe)
 {
     float forward[3], right[3], up[3];
@@ -489,7 +483,8 @@ static void fill_camera(struct view *view, struct frame_gpu *data, uint32_t subf
     /* The G-buffer's rays move within their pixels, and splats that are sampled at points with them. Those
      * that carry a pixel filter already would be filtered twice. */
     float middle[2] = {0.5f * (float)view->width, 0.5f * (float)view->height};
-    float splat_shift = is_sampled_at_points(view->settings.aa) ? 1.0f : 0.0f;
+    bool is_sampled = view->settings.aa == SPLAT_AA_NONE || view->plan.has_quads;
+    float splat_shift = is_sampled ? 1.0f : 0.0f;
     data->eye = vec4_of(camera->eye, (float)view->time);
     data->forward = vec4_of(forward, 1 / (focal * focal));
     data->right = vec4_of(right, 0);

@@ -97,6 +97,15 @@ static uint32_t settle(struct plant *plant, double target_ns, uint32_t frames, d
     return settled;
 }
 
+/* One that has had 30 frames to find what takes 10 ms. */
+static struct plant settled_plant(double fixed_ns, double slope_ns, double amplitude)
+{
+    struct plant plant = plant_of(fixed_ns, slope_ns, amplitude);
+    double largest;
+    settle(&plant, 1e7, 30, &largest);
+    return plant;
+}
+
 /* No frame is off the target by more than 10 %, with a hitch every 50. */
 static void expect_held(struct plant *plant, double target_ns, int frames)
 {
@@ -190,9 +199,7 @@ static void samples_are_steered(void **state)
 static void noise_and_hitches_do_not_pump(void **state)
 {
     (void)state;
-    struct plant plant = plant_of(3e6, 200, 0.04);
-    double largest;
-    settle(&plant, 1e7, 30, &largest);
+    struct plant plant = settled_plant(3e6, 200, 0.04);
     uint32_t changes = plant.changes;
     expect_held(&plant, 1e7, 1000);
     print_message("1,000 frames with 4 %% noise and 20 hitches: %u changes of the budget\n",
@@ -224,9 +231,8 @@ static void a_busy_machine_is_not_followed(void **state)
 static void a_path_is_followed_in_small_steps(void **state)
 {
     (void)state;
-    struct plant plant = plant_of(3e6, 200, 0.02);
-    double largest, error = 0;
-    settle(&plant, 1e7, 30, &largest);
+    struct plant plant = settled_plant(3e6, 200, 0.02);
+    double error = 0;
     plant.largest_step = 0;
     uint32_t outside = 0;
     for (int i = 0; i < 400; i++) {
@@ -274,15 +280,14 @@ static void little_of_the_time_does_not_pump(void **state)
 static void a_picture_without_photons_keeps_the_budget(void **state)
 {
     (void)state;
-    struct plant plant = plant_of(3e6, 200, 0.02);
-    double largest;
-    settle(&plant, 1e7, 30, &largest);
+    struct plant plant = settled_plant(3e6, 200, 0.02);
     const double budget = plant.budget;
     for (int i = 0; i < 60; i++) {
         plant.fill = fmax(0.5 * plant.fill, 0.01);
         run(&plant, 1e7, 0);
     }
     plant.fill = 0.9;
+    double largest;
     uint32_t settled = settle(&plant, 1e7, 60, &largest);
     print_message("out of view for 60 frames: budget %.0f, then %.0f; settled after %u, largest %.2f\n",
                   budget, plant.budget, settled, largest);
@@ -296,9 +301,7 @@ static void a_picture_without_photons_keeps_the_budget(void **state)
 static void a_host_that_is_held_up_is_waited_for(void **state)
 {
     (void)state;
-    struct plant plant = plant_of(5e6, 200, 0.01);
-    double largest;
-    settle(&plant, 1e7, 30, &largest);
+    struct plant plant = settled_plant(5e6, 200, 0.01);
     const double budget = plant.budget;
     double farthest = 1;
     for (int i = 0; i < 400; i++) {
@@ -321,11 +324,10 @@ static void it_settles_after_a_cut(void **state)
     (void)state;
     const double factors[] = {0.4, 0.75, 1.35, 2.5};
     for (int k = 0; k < 4; k++) {
-        struct plant plant = plant_of(2e6, 200, 0.02);
-        double largest;
-        settle(&plant, 1e7, 30, &largest);
+        struct plant plant = settled_plant(2e6, 200, 0.02);
         plant.fixed_ns *= factors[k];
         plant.slope_ns *= factors[k];
+        double largest;
         uint32_t settled = settle(&plant, 1e7, 60, &largest);
         print_message("cost times %.2f: settled after %u frames\n", factors[k], settled);
         assert_true(settled <= 8);
@@ -354,9 +356,7 @@ static void limits_hold(void **state)
 static void rest_is_left_only_for_a_reason(void **state)
 {
     (void)state;
-    struct plant plant = plant_of(3e6, 200, 0.02);
-    double largest;
-    settle(&plant, 1e7, 30, &largest);
+    struct plant plant = settled_plant(3e6, 200, 0.02);
     uint32_t changes = plant.changes;
     plant.is_at_rest = true;
     for (int i = 0; i < 200; i++) {
@@ -365,6 +365,7 @@ static void rest_is_left_only_for_a_reason(void **state)
     }
     assert_int_equal(plant.changes, changes);
     plant.slope_ns *= 1.3;
+    double largest;
     settle(&plant, 1e7, 30, &largest);
     assert_true(plant.changes > changes);
 }
