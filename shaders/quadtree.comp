@@ -3,7 +3,7 @@
 // quadtree.comp: one level of the quadtree over samples per cell. Level 0: n = floor(sqrt(D))^2 under the budget, or
 // with density=error k x m <= D with k / m near the cell's aspect; above it every node is the sum of its four children.
 //
-// Reads   density, aspect, counters.density_scale, the last frame's samples when held (level 0); the level below
+// Reads   density, aspect, counters.density_scale, the last frame's samples when kept (level 0); the level below
 // Writes  density under the budget, columns k (level 0); tree: level l starts at 4 (N - N / 4^l) / 3 for N cells
 // Source  design 5; aaps-thesis 2.3.1, fig. 15
 #include "frame.glsl"
@@ -15,6 +15,19 @@ layout(std430, binding = BINDING_PASS + 3) buffer tree_buffer { uint tree[]; };
 layout(std430, binding = BINDING_PASS + 4) buffer column_buffer { uint columns[]; };
 layout(std430, binding = BINDING_PASS + 5) readonly buffer aspect_buffer { float aspect[]; };
 layout(push_constant) uniform push_block { uint level; };
+
+// A cell keeps strata between half of what it may have and a quarter more, as long as they aren't twice too long.
+const float KEEP_LEAST = 0.5, KEEP_MOST = 1.25, KEEP_ASPECT = 1.0; // the last in log2
+
+// Whether the last frame's k x m strata still serve a cell that may have d of them. All cells together stay within the
+// budget, which d divides among them.
+bool still_serve(uint k, uint m, float d, float aspect)
+{
+    float n = float(k * m);
+    float most = counters.density_scale < 1.0 ? 1.0 : min(KEEP_MOST, float(frame.photon_budget) / counters.density_total);
+    return n >= KEEP_LEAST * d && n <= most * d &&
+           (DENSITY != DENSITY_ERROR_RULE || abs(log2(float(k) / float(m)) - aspect) < KEEP_ASPECT);
+}
 
 void main()
 {
@@ -33,10 +46,13 @@ void main()
             density[node] = d; // what the next frame starts from is what was really used
             uint k = max(uint(sqrt(d)), 1u), m = k;
             // What a cell's photons report jumps with k, so that a cell near a square could go back and forth
-            // between two of them for ever. At rest its strata stay; all of them were within the budget together.
-            if ((frame.flags & FLAG_HOLD) != 0u) {
-                k = max(columns[node], 1u);
-                m = max(tree[node] / k, 1u);
+            // between two of them for ever. Once nothing changes its strata stay where they serve, at rest all of
+            // them; they were within the budget together.
+            uint last_k = max(columns[node], 1u), last_m = max(tree[node] / last_k, 1u);
+            if ((frame.flags & FLAG_HOLD) != 0u ||
+                ((frame.flags & FLAG_SETTLE) != 0u && still_serve(last_k, last_m, d, aspect[node]))) {
+                k = last_k;
+                m = last_m;
             } else if (DENSITY == DENSITY_ERROR_RULE) {
                 k = clamp(uint(sqrt(d * exp2(aspect[node])) + 0.5), 1u, max(uint(d), 1u));
                 m = max(uint(d / float(k)), 1u);

@@ -527,12 +527,14 @@ static void fill_camera(struct view *view, struct frame_gpu *data, uint32_t subf
     c[14] = near * far / (near - far);
 }
 
-/* Whether the task buffers have had the time to settle since anything changed: four time constants of their
- * update. The samples of the last frame are still in the quadtree then. */
-static bool is_at_rest(const struct view *view)
+/* Which samples of the last frame, still in the quadtree, the cells keep: those that serve from the fourth
+ * frame on in which nothing changes, when task buffers have followed the change; all of them once these have
+ * had the time to settle, four time constants of their update. */
+static uint32_t kept_samples(const struct view *view)
 {
-    return view->has_density && !view->mask_is_stale &&
-           (float)view->still_frames * view->settings.temporal_weight >= 4;
+    if (!view->has_density || view->mask_is_stale || view->still_frames < 3)
+        return 0;
+    return (float)view->still_frames * view->settings.temporal_weight >= 4 ? FLAG_HOLD : FLAG_SETTLE;
 }
 
 static void fill_frame(struct view *view, uint32_t subframe, uint32_t subframe_count)
@@ -566,8 +568,7 @@ static void fill_frame(struct view *view, uint32_t subframe, uint32_t subframe_c
     bool jitters = s->jitter || s->accumulate > 1;
     data->flags = (jitters ? FLAG_JITTER : 0) | (s->caster_mask ? FLAG_CASTER_MASK : 0) |
                   (s->radiance_scaling ? FLAG_RADIANCE_SCALING : 0) |
-                  (view->has_previous ? FLAG_HAS_PREVIOUS : 0) |
-                  (is_at_rest(view) && !jitters ? FLAG_HOLD : 0);
+                  (view->has_previous ? FLAG_HAS_PREVIOUS : 0) | (jitters ? 0 : kept_samples(view));
     if (s->jitter)
         data->seed ^= (uint32_t)view->frame * 0x9e3779b9u;
     data->caster_count = view->renderer->caster_count;

@@ -190,6 +190,7 @@ SHARED_SIZE(frame_gpu, 400);
 #define FLAG_RADIANCE_SCALING (1u << 2)
 #define FLAG_HAS_PREVIOUS     (1u << 3) /* last frame's irradiance is there */
 #define FLAG_HOLD             (1u << 4) /* the view is at rest: cells keep their samples */
+#define FLAG_SETTLE           (1u << 5) /* nothing changes: cells keep samples that serve */
 
 /* ---- photons ------------------------------------------------------------------------------------------- */
 

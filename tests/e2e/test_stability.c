@@ -93,6 +93,21 @@ static void a_still_sphere_stands_still(void **state)
     assert_true(page.st_size > 20000);
 }
 
+/* Water's light is detail all over, so that every cell that moves to another number of strata shows. While
+ * the view settles cells keep those that serve: three frames after a step 95 % of the way to rest are done.
+ */
+static void water_follows_a_light_step_in_three_frames(void **state)
+{
+    (void)state;
+    int status = run("water", "pool",
+                     "--path light-step --frames 16 --warmup 12 --size 240x135 --pairs 1 --accumulate 1 "
+                     "--fail-above light-step.frames_to_95=3 --fail-above step_error_3=1.15");
+    expect(status, 0, "frames_to_95");
+    json_t *root = report("water");
+    assert_true(measure(path_of(root, 0), "step_error_3") > 0.8); /* it compares with what has settled */
+    json_decref(root);
+}
+
 #define SHORT "--size 32x18 --frames 16 --warmup 1 --pairs 1 --accumulate 2 --flicker-period 4 "
 
 static void a_limit_is_a_gate(void **state)
@@ -224,6 +239,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_still_sphere_stands_still),
+        cmocka_unit_test(water_follows_a_light_step_in_three_frames),
         cmocka_unit_test(a_limit_is_a_gate),
         cmocka_unit_test(a_lost_server_leaves_what_was_measured),
         cmocka_unit_test(wrong_commands_exit_2),

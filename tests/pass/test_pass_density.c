@@ -719,10 +719,83 @@ static void at_rest_samples_stay(void **state)
     free(b);
 }
 
+/* While a view settles, a cell keeps its k x m strata if these are at least half of what it may have (d, what
+ * the passes leave as its density), at most a quarter more where the budget has it, and with the error rule k
+ * / m is less than a factor of two off. What isn't kept is what it would be without the flag. */
+static void settling_samples_stay_where_they_serve(void **state)
+{
+    (void)state;
+    const struct {
+        uint32_t rule;
+        double budget; /* over what cells ask for */
+        const char *name;
+    } cases[] = {{DENSITY_SQRT_RULE, 4, "sqrt, room"},
+                 {DENSITY_ERROR_RULE, 4, "error, room"},
+                 {DENSITY_ERROR_RULE, 1.1, "error, room for a tenth more"},
+                 {DENSITY_ERROR_RULE, 0.8, "error, no room"}};
+    random_state = 43;
+    for (uint32_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        struct task_buffers *b = buffers_of(16, 1, 1);
+        static uint32_t before[MOST_CELLS], columns[MOST_CELLS], freely[MOST_CELLS], free_columns[MOST_CELLS];
+        static float wanted[MOST_CELLS];
+        memset(wanted, 0, sizeof wanted);
+        b->rule = cases[i].rule;
+        fill_randomly(b);
+        double total = 0;
+        for (uint32_t cell = 0; cell < b->total; cell++) {
+            double n = b->tree[cell], k = b->columns[cell];
+            if (b->mask[cell]) {
+                wanted[cell] = (float)fmax(1, n * exp2(2.5 * uniform() - 1));
+                b->aspect[cell] = (float)(log2(k * k / n) + 3 * uniform() - 1.5);
+            }
+            total += (double)wanted[cell];
+        }
+        b->frame.photon_budget = (uint32_t)(cases[i].budget * total);
+        memcpy(before, b->tree, sizeof before);
+        memcpy(columns, b->columns, sizeof columns);
+        memcpy(b->density, wanted, sizeof wanted);
+        run_budget(b);
+        memcpy(freely, b->tree, sizeof freely);
+        memcpy(free_columns, b->columns, sizeof free_columns);
+        memcpy(b->tree, before, sizeof before);
+        memcpy(b->columns, columns, sizeof columns);
+        memcpy(b->density, wanted, sizeof wanted);
+        b->frame.flags = FLAG_SETTLE;
+        run_budget(b);
+        double most = fmin(1.25, b->frame.photon_budget / total);
+        uint32_t kept = 0, released = 0, sum = 0;
+        for (uint32_t cell = 0; cell < b->total; cell++) {
+            sum += b->tree[cell];
+            if (!b->mask[cell]) {
+                assert_int_equal(b->tree[cell], 0);
+                continue;
+            }
+            double d = (double)b->density[cell], n = before[cell], k = columns[cell];
+            double off = fabs(log2(k * k / n) - (double)b->aspect[cell]);
+            if (b->rule != DENSITY_ERROR_RULE)
+                off = 0;
+            bool is_kept = n >= 0.5 * d && n <= fmax(most, 1) * d && off < 1;
+            if (fabs(n - fmax(most, 1) * d) < 1e-4 * d || fabs(off - 1) < 1e-4)
+                continue; /* rounding decides */
+            assert_int_equal(b->tree[cell], is_kept ? before[cell] : freely[cell]);
+            assert_int_equal(b->columns[cell], is_kept ? columns[cell] : free_columns[cell]);
+            kept += is_kept;
+            released += !is_kept;
+        }
+        print_message("%s: %u cells keep their strata, %u don't; %u samples of %u\n", cases[i].name, kept,
+                      released, sum, b->frame.photon_budget);
+        assert_true(kept > 10 && released > 10);
+        assert_true(sum <= b->frame.photon_budget);
+        assert_int_equal(sum, b->counters.task_count);
+        free(b);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(at_rest_samples_stay),
+        cmocka_unit_test(settling_samples_stay_where_they_serve),
         cmocka_unit_test(densities_follow_the_model),
         cmocka_unit_test(rules_ask_for_the_same_total),
         cmocka_unit_test(uniform_density_stays),
