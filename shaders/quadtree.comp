@@ -16,8 +16,10 @@ layout(std430, binding = BINDING_PASS + 4) buffer column_buffer { uint columns[]
 layout(std430, binding = BINDING_PASS + 5) readonly buffer aspect_buffer { float aspect[]; };
 layout(push_constant) uniform push_block { uint level; };
 
-// A cell keeps strata between half of what it may have and a quarter more, as long as they aren't twice too long.
-const float KEEP_LEAST = 0.5, KEEP_MOST = 1.25, KEEP_ASPECT = 1.0; // the last in log2
+// A cell keeps strata that lack at most two rows of a square, or a third, of what it may have, are at most a quarter
+// more, and aren't twice too long. Two rows are what rounding to k x m and its echo in the feedback move; a share alone
+// would keep what is too coarse in cells of many strata.
+const float KEEP_ROWS = 2.0, KEEP_LEAST = 2.0 / 3.0, KEEP_MOST = 1.25, KEEP_ASPECT = 1.0; // the last in log2
 
 // Whether the last frame's k x m strata still serve a cell that may have d of them. All cells together stay within the
 // budget, which d divides among them.
@@ -25,7 +27,7 @@ bool still_serve(uint k, uint m, float d, float aspect)
 {
     float n = float(k * m);
     float most = counters.density_scale < 1.0 ? 1.0 : min(KEEP_MOST, float(frame.photon_budget) / counters.density_total);
-    return n >= KEEP_LEAST * d && n <= most * d &&
+    return n >= max(KEEP_LEAST * d, d - KEEP_ROWS * sqrt(n)) && n <= most * d &&
            (DENSITY != DENSITY_ERROR_RULE || abs(log2(float(k) / float(m)) - aspect) < KEEP_ASPECT);
 }
 

@@ -149,7 +149,8 @@ static void sixty_four_lights_add_up(void **state)
     uint32_t channels = 1u << CHANNEL_IRRADIANCE | 1u << CHANNEL_DENSITY;
     float *uniform = copy_of(truth_channel(truth_render(&stage, 1, channels), CHANNEL_IRRADIANCE));
     truth_set(&stage, "density=sqrt");
-    const struct frame_result *result = truth_render(&stage, 6, channels);
+    const struct frame_result *result =
+        truth_render(&stage, 3, channels); /* from the fourth on cells keep samples */
     float *adaptive = copy_of(truth_channel(result, CHANNEL_IRRADIANCE));
     double photons[LIGHTS], least = 1e30, emitted = 0;
     balls_light_photons(result, LIGHTS, photons);

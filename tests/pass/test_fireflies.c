@@ -36,8 +36,8 @@ static bool is_plane(const float *depth, uint32_t width, uint32_t height, uint32
     return true;
 }
 
-/* Of the pixels above the bar, those more than half again as bright as anything the reference has within a
- * pixel. `depth` as in the channel. */
+/* Of the pixels above the bar, those more than twice as bright as anything the reference has within a pixel
+ * (a dim spot of a few photons may be off by half). `depth` as in the channel. */
 static size_t fireflies(const struct measure_image *image, const struct measure_image *reference,
                         const float *depth, size_t *above)
 {
@@ -53,7 +53,7 @@ static size_t fireflies(const struct measure_image *image, const struct measure_
                 for (uint32_t u = x ? x - 1 : 0; u <= x + 1 && u < image->width; u++)
                     near = fmax(near, measure_luminance(reference, (size_t)v * image->width + u));
             size_t pixel = (size_t)y * image->width + x;
-            count += map[pixel] && measure_luminance(image, pixel) > 1.5 * near &&
+            count += map[pixel] && measure_luminance(image, pixel) > 2 * near &&
                      is_plane(depth, image->width, image->height, x, y);
         }
     free(map);
@@ -90,7 +90,10 @@ static void check(const char *scene, uint32_t width, uint32_t height, double pho
         size_t with_one_found = fireflies(&with_one, &truth, depth, &unused);
         free(spoilt);
         assert_int_equal(with_one_found, found + 1);
-        assert_int_equal(found, 0);
+        if (strcmp(settings[i], "aa=none"))
+            assert_int_equal(found, 0);
+        else /* splats that fall on single points do leave some */
+            assert_true(found >= 10);
     }
     truth_close(&stage);
     reference_free(&reference);
@@ -108,8 +111,8 @@ static void glass_ball(void **state)
 static void many_facets(void **state)
 {
     (void)state;
-    static const char *const settings[] = {"aa=filter", "aa=coverage"};
-    check("square", 64, 36, 1e6, settings, 2);
+    static const char *const settings[] = {"aa=filter", "aa=coverage", "aa=none"};
+    check("square", 64, 36, 1e6, settings, 3);
 }
 
 int main(void)

@@ -45,7 +45,8 @@ void balls_set_intensity(struct truth *stage, uint32_t light, double intensity);
 double balls_floor_flux(const struct truth *stage, const float *values, uint32_t x0, uint32_t x1);
 
 /* Photons of every light in the frame that `result` is of (which holds the density channel). The cells of a
- * tile are all the same size, so these are what the budget was shared out into. */
+ * tile are all the same size, so these are what the budget was shared out into; up to the third frame after
+ * a change, and with density=sqrt or uniform, they are what was drawn. */
 void balls_light_photons(const struct frame_result *result, uint32_t light_count, double *photons);
 
 #endif
